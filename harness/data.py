@@ -1,0 +1,150 @@
+"""The data that flows through the pipeline: scene, grid, rays, hits, counters, timings.
+
+Every array field states its dtype and shape. Nothing here imports another module of the package.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+MISS = -1  # primitive index of a ray that hits nothing
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole camera. `eye`, `target` in scene units; `fov_degrees` is the vertical field of view."""
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    fov_degrees: float = 60.0
+    name: str = "default"
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Triangles and the views that show them.
+
+    `triangles`: float32[n,3,3], vertex positions in scene units, numbering as in the source.
+    `source`: `real`, `stand-in` or `file`. `sha256`: of the triangles' bytes (little-endian float32).
+    """
+
+    name: str
+    triangles: np.ndarray
+    views: tuple[View, ...] = ()
+    source: str = "file"
+    sha256: str = ""
+    licence: str = ""
+
+    @property
+    def title(self) -> str:
+        """Name for people; a stand-in is called a stand-in."""
+        return f"{self.name} (stand-in)" if self.source == "stand-in" else self.name
+
+    def __len__(self) -> int:
+        return len(self.triangles)
+
+
+@dataclass(frozen=True)
+class GridSpec:
+    """Resolution of a two-level grid (paper, section 3: 8^3 and 128^3).
+
+    `top`: cells per axis of the first level. `leaf`: cells per axis of the second level, over the whole
+    scene (`reading='total'`) or inside every top cell (`reading='per-cell'`).
+    """
+
+    top: int = 8
+    leaf: int = 128
+    reading: str = "total"
+
+    @property
+    def leaf_per_top(self) -> int:
+        """Leaf cells per axis inside one top cell."""
+        return self.leaf // self.top if self.reading == "total" else self.leaf
+
+    @property
+    def resolution(self) -> int:
+        """Leaf cells per axis over the whole scene."""
+        return self.top * self.leaf_per_top
+
+    def __str__(self) -> str:
+        return f"{self.top}/{self.leaf} {self.reading}"
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """`origins`, `directions`: float32[n,3]; `t_max`: float32[n] in units of the direction's length."""
+
+    origins: np.ndarray
+    directions: np.ndarray
+    t_max: np.ndarray
+    kind: str = "file"
+    seed: int = 0
+
+    def __len__(self) -> int:
+        return len(self.origins)
+
+    def __getitem__(self, rows) -> Rays:
+        """The rays selected by a slice or an index array."""
+        return Rays(self.origins[rows], self.directions[rows], self.t_max[rows], self.kind, self.seed)
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """First hits: `t` float32[n] (inf = miss), `primitive` int32[n] (-1 = miss), `u`, `v` float32[n].
+
+    The hit point is (1-u-v) v0 + u v1 + v v2.
+    """
+
+    t: np.ndarray
+    primitive: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, rows) -> Hits:
+        return Hits(self.t[rows], self.primitive[rows], self.u[rows], self.v[rows])
+
+    def tobytes(self) -> bytes:
+        """All four arrays' bytes: equal exactly when the hits are equal bit for bit."""
+        return b"".join(array.tobytes() for array in (self.t, self.primitive, self.u, self.v))
+
+
+@dataclass
+class Counters:
+    """Exact work counts of an instrumented build.
+
+    `steps`: cells stepped through (empty or not, either level). `pairs`: ray-cell encounters stored or
+    visited. `tests`: ray-triangle tests asked for. `lane_tests`: tests executed, idle lanes included.
+    `waves`: intersection waves. `finished_per_wave`: rays that finished in each wave. `padding`: unused
+    pair slots that fill bins up to a whole number of lanes.
+    """
+
+    steps: int = 0
+    pairs: int = 0
+    tests: int = 0
+    lane_tests: int = 0
+    waves: int = 0
+    finished_per_wave: list[int] = field(default_factory=list)
+    padding: int = 0
+
+
+@dataclass
+class Samples:
+    """Seconds of each repetition, stage by stage; a stage that a tracer does not have stays empty.
+
+    Stages are device time between event markers; `total` is wall clock from rays to hits on the device.
+    """
+
+    traverse: list[float] = field(default_factory=list)
+    arrange: list[float] = field(default_factory=list)
+    intersect: list[float] = field(default_factory=list)
+    compact: list[float] = field(default_factory=list)
+    total: list[float] = field(default_factory=list)
+
+
+STAGES = ("traverse", "arrange", "intersect", "compact", "total")

@@ -1,0 +1,10 @@
+"""The one error type that reaches a user: a single clear line and a non-zero exit."""
+
+
+class DefrayError(Exception):
+    """Bad input or a missing device; `str(error)` is one line saying what is wrong and what to do."""
+
+
+def known(kind: str, name: str, names) -> DefrayError:
+    """Error for an unknown `name` that lists the known ones."""
+    return DefrayError(f"unknown {kind} '{name}'; known: {', '.join(sorted(names))}")
