@@ -1,0 +1,76 @@
+"""What one run is: scene, rays, grid, tracer, intersector and options, before anything is loaded."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from harness.data import GridSpec
+from harness.errors import DefrayError
+
+RAY_KINDS = ("primary", "diffuse", "ambient-occlusion", "random", "file")
+Check = Literal["embree", "exact", "none"]
+
+
+class Variant(BaseModel):
+    """A tracer with its intersector and options, written `tracer:intersector[:option=value...]`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    tracer: str
+    intersector: str | None = None
+    options: dict[str, str] = Field(default_factory=dict)
+
+    @field_validator("options", mode="before")
+    @classmethod
+    def _as_text(cls, options):
+        """A TOML `wave = 4` and a command-line `wave=4` are the same option."""
+        return {str(k): str(v).lower() if isinstance(v, bool) else str(v) for k, v in dict(options).items()}
+
+    @classmethod
+    def parse(cls, text: str) -> Variant:
+        """Read `deferred:ray-space:wave=4`; raises DefrayError for a malformed option."""
+        tracer, *rest = text.split(":")
+        intersector = rest.pop(0) if rest and "=" not in rest[0] else None
+        options = {}
+        for part in rest:
+            key, equals, value = part.partition("=")
+            if not equals or not key or not value:
+                raise DefrayError(f"option '{part}' in '{text}' is not of the form option=value")
+            options[key] = value
+        return cls(tracer=tracer, intersector=intersector, options=options)
+
+    def __str__(self) -> str:
+        parts = [self.tracer] + ([self.intersector] if self.intersector else [])
+        return ":".join(parts + [f"{key}={value}" for key, value in sorted(self.options.items())])
+
+
+class RunSpec(BaseModel):
+    """One run. `grid` is None for tracers that use none (`brute`, `embree`)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    scene: str
+    variant: Variant
+    grid: GridSpec | None = None
+    kind: str = "diffuse"
+    rays: int = Field(default=1_000_000, gt=0)
+    seed: int = 1
+    view: str | None = None
+    ray_file: str | None = None
+    repetitions: int = Field(default=3, gt=0)
+    check: Check = "embree"
+
+    @property
+    def group(self) -> tuple:
+        """Runs with the same group share scene, rays and grid, and are measured interleaved."""
+        return (self.scene, self.kind, self.rays, self.seed, self.view, self.ray_file, self.grid)
+
+    @property
+    def id(self) -> str:
+        """16 hex digits that name this run: equal specs, equal id."""
+        text = json.dumps(self.model_dump(), sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
