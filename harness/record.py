@@ -1,0 +1,361 @@
+"""Records: what one run leaves behind, and the append-only file that survives a killed sweep.
+
+A record is a JSON object, one a line; `Record` declares every key. `RecordFile` writes each with a single
+write and a sync, so a kill can tear the last line at most.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from harness.errors import DefrayError
+from harness.spec import RunSpec
+
+SCHEMA = 1
+
+
+class _Part(BaseModel):
+    """A part of a record: undeclared keys and non-finite numbers are errors."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Machine(_Part):
+    """Where a run was measured, as `device.machine_description` has it.
+
+    `environment` holds the variables that steer OpenCL runtimes. `device`, `platform` and `driver` are None
+    for a machine without OpenCL.
+    """
+
+    cpu: str
+    cores: int
+    memory_bytes: int | None = None
+    os: str
+    kernel: str | None = None
+    governor: str | None = None
+    device: str | None
+    platform: str | None
+    driver: str | None
+    versions: dict[str, str | None]
+    environment: dict[str, str] = Field(default_factory=dict)
+
+
+class SceneFacts(_Part):
+    """The scene's name, `real`, `stand-in` or `file`, and the SHA-256 of its triangles."""
+
+    name: str
+    source: str
+    triangles: int
+    sha256: str
+
+
+class RayFacts(_Part):
+    """Kind, number and seed of the rays."""
+
+    kind: str
+    count: int
+    seed: int
+
+
+class GridFacts(_Part):
+    """Resolution and size of the grid; `bytes` is the whole grid's, `build_seconds` wall clock."""
+
+    top: int
+    leaf: int
+    reading: str
+    cells: int
+    nonempty: int
+    references: int
+    bytes: int
+    build_seconds: float
+
+
+class StageSeconds(_Part):
+    """Seconds of each repetition, stage by stage; a stage that the tracer lacks is empty."""
+
+    traverse: list[float]
+    arrange: list[float]
+    intersect: list[float]
+    compact: list[float]
+    total: list[float]
+
+
+class Rate(_Part):
+    """Rays per second: median and 95 % confidence interval."""
+
+    median: float
+    low: float
+    high: float
+
+
+class Rates(_Part):
+    """Rates of the stages that have one."""
+
+    traverse: Rate | None
+    intersect: Rate | None
+    total: Rate | None
+
+
+class CounterValues(_Part):
+    """The counters of `harness.data.Counters`, exact integers."""
+
+    steps: int
+    pairs: int
+    tests: int
+    lane_tests: int
+    waves: int
+    finished_per_wave: list[int]
+    padding: int
+
+
+class RelativeError(_Part):
+    """Relative error of t over the rays that hit in both, by percentile; None where no ray did."""
+
+    p50: float | None
+    p99: float | None
+    max: float | None
+
+
+class Agreement(_Part):
+    """Rays by class of agreement with the reference (`embree`, `exact` or `none`)."""
+
+    reference: str
+    same: int
+    tie: int
+    t_off: int
+    wrong: int
+    missed: int
+    phantom: int
+    t_relative_error: RelativeError | None
+
+
+class Record(_Part):
+    """One run as stored. A run that is not valid has no rate."""
+
+    schema_: int = Field(alias="schema")
+    id: str
+    time_utc: str
+    command: str
+    commit: str
+    dirty: bool
+    machine: Machine
+    scene: SceneFacts
+    view: str | None
+    rays: RayFacts
+    grid: GridFacts | None
+    tracer: str
+    intersector: str | None
+    options: dict[str, str]
+    repetitions: int
+    spec: dict[str, Any]
+    samples: StageSeconds
+    rate: Rates
+    counters: CounterValues
+    agreement: Agreement
+    valid: bool
+
+    @model_validator(mode="after")
+    def _no_rate_without_validity(self) -> Record:
+        has_rate = any((self.rate.traverse, self.rate.intersect, self.rate.total))
+        if has_rate and not self.valid:
+            raise ValueError("a run that is not valid must not have a rate")
+        return self
+
+
+def finish(body: dict, spec: RunSpec, device) -> dict:
+    """A whole record: the measured `body` of one run with its id, time, command, commit and machine added.
+
+    Raises DefrayError when the body lacks a key, has one too many or holds a number that is not finite.
+    """
+    from harness.device import machine_description
+
+    commit, dirty = commit_and_dirty()
+    record = {
+        **body,
+        "schema": SCHEMA,
+        "id": spec.id,
+        "time_utc": now_utc(),
+        "command": command_line(),
+        "commit": commit,
+        "dirty": dirty,
+        "machine": machine_description(device),
+        "view": spec.view,
+        "repetitions": spec.repetitions,
+        "spec": spec.model_dump(mode="json"),
+    }
+    return validated(record, f"the record of {spec.scene} {spec.variant}")
+
+
+def validated(record: dict, where: str) -> dict:
+    """`record` in the schema's key order; raises DefrayError naming `where` and the first bad key."""
+    if not isinstance(record, dict):
+        raise DefrayError(f"{where}: not a JSON object")
+    if record.get("schema") != SCHEMA:
+        raise DefrayError(
+            f"{where}: schema {record.get('schema')!r}, but this version reads schema {SCHEMA}"
+        )
+    try:
+        return Record.model_validate(record).model_dump(mode="json", by_alias=True)
+    except ValidationError as error:
+        raise DefrayError(f"{where}: {first_problem(error)}") from None
+
+
+def first_problem(error: ValidationError) -> str:
+    """The first problem of a failed validation on one line, as `field.name: what is wrong`."""
+    problem = error.errors()[0]
+    field = ".".join(str(part) for part in problem["loc"])
+    message = problem["msg"].removeprefix("Value error, ")
+    message = {
+        "Extra inputs are not permitted": "unknown key",
+        "Field required": "missing key",
+    }.get(message, message[:1].lower() + message[1:])
+    others = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return (f"{field}: {message}" if field else message) + others
+
+
+def now_utc() -> str:
+    """The time now, ISO 8601 in UTC, to the second."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def command_line() -> str:
+    """The command that started this process, without the folder that it is installed in."""
+    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+@lru_cache(maxsize=1)
+def commit_and_dirty() -> tuple[str, bool]:
+    """Commit of this checkout and whether anything in it differs; (`unknown`, False) outside a checkout.
+
+    Read once a process: the code that runs is the code that was there when it started.
+    """
+    root = Path(__file__).resolve().parent.parent
+    top = _git(root, "rev-parse", "--show-toplevel")
+    commit = _git(root, "rev-parse", "HEAD")
+    # An installed copy may lie inside some other project's checkout, whose commit says nothing about it.
+    if not commit or not top or Path(top).resolve() != root:
+        return "unknown", False
+    return commit, bool(_git(root, "status", "--porcelain"))
+
+
+def _git(root: Path, *arguments: str) -> str:
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(root), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=20,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
+
+
+def append_line(path: Path, value: dict) -> None:
+    """Append `value` as one JSON line: one write, then a sync. Raises DefrayError if it cannot be stored."""
+    try:
+        line = json.dumps(value, allow_nan=False, ensure_ascii=False) + "\n"
+    except ValueError as error:
+        raise DefrayError(
+            f"{path}: a record holds a number that is not finite ({error})"
+        ) from None
+    try:
+        with open(path, "ab", buffering=0) as file:
+            start = file.seek(0, os.SEEK_END)
+            data = line.encode()
+            if file.write(data) != len(data):
+                file.truncate(
+                    start
+                )  # a full disk took part of it; a torn line must not meet a next one
+                raise OSError("the disk is full")
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise DefrayError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def _to_stderr(message: str) -> None:
+    print(f"warning: {message}", file=sys.stderr)
+
+
+class RecordFile:
+    """An append-only JSON Lines file of records.
+
+    `warn` receives one-line messages (default: standard error). Only the process that writes the file may
+    call `repair`; readers skip a torn last line and leave the file alone.
+    """
+
+    def __init__(self, path: Path | str, warn: Callable[[str], None] = _to_stderr):
+        self.path = Path(path)
+        self.warn = warn
+
+    def append(self, record: dict) -> None:
+        """Validate and store one record; when this returns, a kill or power cut no longer loses it."""
+        append_line(self.path, validated(record, f"{self.path}: new record"))
+
+    def read(self) -> list[dict]:
+        """All records. A torn last line is skipped with a warning; other damage raises DefrayError with
+        file and line; a file that is not there has no records."""
+        records, torn_at, _ = self._scan()
+        if torn_at is not None:
+            self.warn(f"{self.path}: skipped the last line, which is incomplete")
+        return records
+
+    def done_ids(self) -> set[str]:
+        """Ids of all runs on file, valid or not."""
+        return {record["id"] for record in self.read()}
+
+    def repair(self) -> list[dict]:
+        """`read`, but a torn last line is moved to `<name>.broken` and the file cut to the last good one."""
+        records, torn_at, data = self._scan()
+        if torn_at is not None:
+            aside = self.path.with_name(self.path.name + ".broken")
+            with open(aside, "ab") as broken:
+                broken.write(data[torn_at:].rstrip(b"\n") + b"\n")
+                broken.flush()
+                os.fsync(broken.fileno())
+            os.truncate(self.path, torn_at)
+            self.warn(
+                f"{self.path}: the last line was incomplete; moved it to {aside.name}"
+            )
+        elif data and not data.endswith(b"\n"):
+            # The kill came between the record and its newline: the record is whole.
+            with open(self.path, "ab") as file:
+                file.write(b"\n")
+        return records
+
+    def _scan(self) -> tuple[list[dict], int | None, bytes]:
+        """Records, byte offset of a torn last line (None if whole), and the file's bytes."""
+        try:
+            data = self.path.read_bytes()
+        except FileNotFoundError:
+            return [], None, b""
+        except OSError as error:
+            raise DefrayError(f"cannot read {self.path}: {error.strerror}") from None
+        records, offset = [], 0
+        lines = io.BytesIO(data).readlines()
+        for number, line in enumerate(lines, 1):
+            try:
+                value = json.loads(line)
+            except ValueError:
+                if number == len(lines):
+                    return records, offset, data
+                raise DefrayError(
+                    f"{self.path}, line {number}: not JSON; "
+                    "restore the file from a copy or delete that line"
+                ) from None
+            records.append(validated(value, f"{self.path}, line {number}"))
+            offset += len(line)
+        return records, None, data

@@ -1,0 +1,91 @@
+"""Statistics against examples computed by hand."""
+
+import pytest
+
+from harness import stats
+from harness.data import Samples
+from harness.errors import DefrayError
+
+
+def test_median_of_odd_and_even_counts():
+    assert stats.median([3.0, 1.0, 2.0]) == 2.0
+    assert stats.median([4.0, 1.0, 2.0, 3.0]) == 2.5
+
+
+@pytest.mark.parametrize("values", [[], [1.0, float("nan")], [float("inf")]])
+def test_median_refuses_nothing_and_non_finite(values):
+    with pytest.raises(DefrayError):
+        stats.median(values)
+
+
+def test_interval_of_few_values_is_their_range():
+    assert stats.interval([2.0]) == stats.Interval(2.0, 2.0, 2.0)
+    assert stats.interval([4.0, 2.0]) == stats.Interval(3.0, 2.0, 4.0)
+
+
+def test_interval_of_three_values_reaches_both_ends():
+    # A resample of three has the smallest as its median with probability 7/27, far above 2.5 %.
+    assert stats.interval([1.0, 2.0, 5.0]) == stats.Interval(2.0, 1.0, 5.0)
+
+
+def test_interval_of_nine_values_matches_the_binomial():
+    # Median of a resample of 9 is <= the 2nd value when 5 or more draws are among the lowest 2:
+    # binomial(9, 2/9), P(X >= 5) = 0.0298 > 0.025; <= the 1st: binomial(9, 1/9), P = 0.0014 < 0.025.
+    assert stats.interval([float(value) for value in range(1, 10)]) == stats.Interval(
+        5.0, 2.0, 8.0
+    )
+
+
+def test_interval_is_repeatable_and_ignores_order():
+    values = [1.0, 1.2, 0.9, 1.1, 1.05]
+    assert stats.interval(values) == stats.interval(values)
+    assert stats.interval(values).median == stats.interval(values[::-1]).median
+
+
+def test_ratio_of_paired_repetitions_ignores_a_common_slowdown():
+    base = [10.0, 5.0, 8.0, 20.0, 9.0]
+    result = stats.ratio([2 * rate for rate in base], base)
+    assert (result.median, result.low, result.high) == (2.0, 2.0, 2.0)
+
+
+def test_ratio_of_one_repetition():
+    assert stats.ratio([6.0], [3.0]) == stats.Interval(2.0, 2.0, 2.0)
+
+
+def test_ratio_widens_with_noise():
+    result = stats.ratio([1.0, 2.0, 3.0], [1.0, 1.0, 1.0])
+    assert result == stats.Interval(2.0, 1.0, 3.0)
+
+
+def test_ratio_refuses_unpaired_samples_and_zero():
+    with pytest.raises(DefrayError, match="got 2 and 3"):
+        stats.ratio([1.0, 2.0], [1.0, 2.0, 3.0])
+    with pytest.raises(DefrayError, match="above zero"):
+        stats.ratio([1.0], [0.0])
+
+
+def test_different_needs_four_repetitions_to_say_yes():
+    # Disjoint samples: p = 2 / C(2n, n), so 2/20 for n = 3 and 2/70 for n = 4.
+    assert stats.different_p_value([1, 2, 3], [4, 5, 6]) == pytest.approx(0.1)
+    assert stats.different_p_value([1, 2, 3, 4], [5, 6, 7, 8]) == pytest.approx(2 / 70)
+    assert not stats.different([1, 2, 3], [4, 5, 6])
+    assert stats.different([1, 2, 3, 4], [5, 6, 7, 8])
+    assert not stats.different([1, 3, 5, 7], [2, 4, 6, 8])
+
+
+def test_rates_are_rays_over_seconds_stage_by_stage():
+    samples = Samples(
+        traverse=[0.5, 0.25, 1.0], total=[2.0, 1.0, 4.0], intersect=[0.0, 0.0, 0.0]
+    )
+    result = stats.rates(samples, rays=100)
+    assert result == {
+        "traverse": {"median": 200.0, "low": 100.0, "high": 400.0},
+        "intersect": None,
+        "total": {"median": 50.0, "low": 25.0, "high": 100.0},
+    }
+
+
+def test_an_invalid_run_has_no_rate():
+    assert stats.rates(Samples(total=[1.0]), 10, valid=False) == dict.fromkeys(
+        stats.RATED_STAGES
+    )
