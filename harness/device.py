@@ -81,7 +81,7 @@ def open_device(part: str | None = None) -> Device:
     `part`, and, with the remedy, when no matching device works.
     """
     part = part or os.environ.get("DEFRAY_DEVICE") or ""
-    listed = sorted(_list_devices(), key=lambda entry: (not _is_pocl_cpu(entry), not entry["is_cpu"]))
+    listed = sorted(_list_devices(), key=lambda entry: _order(entry["platform"], entry["is_cpu"]))
     matching = [e for e in listed if part.lower() in f"{e['platform']} / {e['name']}".lower()]
     if listed and not matching:
         titles = ", ".join(f"'{e['platform']} / {e['name']}'" for e in listed)
@@ -142,11 +142,8 @@ def _ask(*arguments: str) -> tuple[object, str]:
     if done.returncode < 0:
         return None, f"the runtime crashed (signal {-done.returncode})"
     lines = done.stdout.strip().splitlines()
-    try:
-        if done.returncode == 0:
-            return json.loads(lines[-1]), ""
-    except (IndexError, ValueError):
-        pass
+    if done.returncode == 0 and lines:
+        return json.loads(lines[-1]), ""
     text = [line.strip() for line in done.stderr.splitlines() if line.strip()]
     return None, next((line for line in reversed(text) if "rror" in line), f"exit code {done.returncode}")
 
@@ -182,8 +179,14 @@ def _probe(place: tuple[int, int]) -> Probe:
     )
 
 
-def _is_pocl_cpu(entry: dict) -> bool:
-    return entry["is_cpu"] and entry["platform"] == "Portable Computing Language"
+def _order(platform: str, is_cpu: bool) -> tuple[bool, bool]:
+    """PoCL on a CPU first, then other CPUs, then the rest."""
+    return not (is_cpu and platform == "Portable Computing Language"), not is_cpu
+
+
+def default_order(probe: Probe) -> tuple[bool, bool]:
+    """Sort key that puts the devices in the order in which `open_device` tries them."""
+    return _order(probe.platform, probe.is_cpu)
 
 
 def _icd_files() -> str:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import warnings
@@ -39,17 +40,17 @@ def _show_environment_vendors() -> None:
     # The loader reads one folder only, so the system's files are linked into ours.
     for icd in SYSTEM_VENDORS.glob("*.icd"):
         link = folder / f"system-{icd.name}"
-        try:
+        # Another process may link it first, or the environment may be read-only.
+        with contextlib.suppress(OSError):
             if not link.is_symlink():
                 link.symlink_to(icd)
-        except OSError:
-            pass  # another process linked it first, or the environment is read-only
     os.environ["OCL_ICD_VENDORS"] = str(folder)
 
 
 prepare()
 
 import pyopencl as cl  # noqa: E402  (the environment must be ready before this import)
+import pyopencl.array  # noqa: E402  (makes cl.array)
 
 # A build log that is not empty is no news: harness/program.py shows the log of a failed build.
 warnings.filterwarnings("ignore", category=cl.CompilerWarning)

@@ -1,0 +1,50 @@
+# Every target sets up what it needs; `make help` lists them.
+TIER ?= paper
+OUT ?= results/out
+PYTHON := .venv/bin/python
+
+# DEVICE=part chooses the OpenCL device: a part of "platform / name", as `defray doctor` prints them.
+ifdef DEVICE
+export DEFRAY_DEVICE := $(DEVICE)
+endif
+# DEFRAY_SCENES=folder holds the real scenes' files; without it stand-ins are generated.
+ifdef DEFRAY_SCENES
+export DEFRAY_SCENES
+endif
+
+.PHONY: help setup second-device reproduce test test-all bench lint figures lock clean
+.DEFAULT_GOAL := help
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@echo "variables: TIER=smoke|paper|full  DEVICE=part-of-a-name  OUT=folder  DEFRAY_SCENES=folder"
+
+setup: ## make .venv and find or install an OpenCL device
+	@bash scripts/setup.sh
+
+second-device: ## add Intel's OpenCL runtime to .venv, to test on two implementations
+	@bash scripts/setup.sh --with-intel
+
+reproduce: setup ## measure, check the claims and draw the report: TIER=smoke, paper or full
+	@bash scripts/reproduce.sh "$(TIER)" "$(OUT)"
+
+test: lint ## quick tests
+	@$(PYTHON) -m pytest -q -m "not slow" --benchmark-skip
+
+test-all: lint ## every test
+	@$(PYTHON) -m pytest -q --benchmark-skip
+
+bench: setup ## time the stages with pytest-benchmark
+	@$(PYTHON) -m pytest -q tests/bench --benchmark-only
+
+lint: setup ## ruff
+	@$(PYTHON) -m ruff check --quiet .
+
+figures: setup ## draw OUT's figures, tables and report again from its records, without a device
+	@.venv/bin/defray report "$(OUT)"
+
+lock: setup ## pin the newest versions of everything in requirements.txt and scripts/runtimes
+	@bash scripts/lock.sh
+
+clean: ## remove .venv and results/out
+	@rm -rf .venv results/out

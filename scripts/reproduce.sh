@@ -1,0 +1,18 @@
+#!/usr/bin/env bash
+# Measure a tier, draw its report, say where it is: scripts/reproduce.sh TIER OUT (make reproduce sets up first).
+# The exit code is the sweep's, else the report's: a failed check still gets its report, and still fails.
+set -u
+cd "$(dirname "$0")/.." || exit 1
+tier=$1
+out=$2
+
+sweep=0
+.venv/bin/defray sweep harness/paper/sweeps.toml --tier "$tier" --out "$out" --resume || sweep=$?
+[ "$sweep" -lt 128 ] || exit "$sweep" # interrupted or killed: nothing to report yet
+[ -s "$out/records.jsonl" ] || exit "$(( sweep ? sweep : 1 ))"
+
+report=0
+.venv/bin/defray report "$out" || report=$?
+[ -f "$out/report.html" ] && echo "report: $out/report.html"
+[ "$sweep" -eq 0 ] || echo "reproduce: the sweep reported failed checks (exit code $sweep)" >&2
+exit "$(( sweep ? sweep : report ))"
