@@ -1,0 +1,286 @@
+"""The two-level grid, built on the device: count, scan, fill."""
+
+from __future__ import annotations
+
+import functools
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.data import GridSpec
+from harness.device import Device
+from harness.errors import DefrayError
+from harness.exact import zero_area
+from harness.program import Program, build
+from harness.runtime import cl
+
+BRICK = (4, 4, 2)  # leaf cells that share one word of occupancy bits
+PAD_ULP = 32  # triangle-box overlap is tested with cells grown by this many float32 ulp of the resolution
+MARGIN = 2.0**-10  # the grid is larger than the scene by this part of its extent, on every side
+MAX_RESOLUTION = 1 << 20  # leaf positions are packed in 21 bits an axis
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceScene:
+    """Triangles on the device. `active`: the triangles that have an area, in ascending order.
+
+    `triangles` float32[n*9], `active` int32[m]; `lower`, `upper` float64[3] bound the triangles.
+    """
+
+    device: Device
+    triangles: cl.array.Array
+    active: cl.array.Array
+    active_count: int
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Two-level grid on the device.
+
+    `top_block` int32[top^3], -1 where a top cell is empty; `bricks` uint32[b,2], occupancy bits of 4x4x2 leaf
+    cells and the number of non-empty cells before them; `cell_start` int32[nonempty+1] and `references`
+    int32[r], triangles of each non-empty cell in ascending order. `lower`, `cell_size`: float32[3].
+    """
+
+    spec: GridSpec
+    lower: np.ndarray
+    cell_size: np.ndarray
+    top_block: cl.array.Array
+    bricks: cl.array.Array
+    cell_start: cl.array.Array
+    references: cl.array.Array
+    blocks: int
+    nonempty: int
+    build_seconds: float
+
+    @property
+    def arguments(self) -> tuple:
+        """The grid as kernel arguments, in the order of GRID_ARGUMENTS."""
+        return self.top_block, self.bricks, vector(self.lower), vector(1 / self.cell_size)
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """Compile-time shape of the walk."""
+        return walk_defines(self.spec)
+
+    @property
+    def bytes(self) -> dict[str, int]:
+        """Bytes of each array."""
+        arrays = ("top_block", "bricks", "cell_start", "references")
+        return {name: int(getattr(self, name).nbytes) for name in arrays}
+
+    def describe(self) -> dict:
+        """The `grid` part of a record."""
+        return {
+            "top": self.spec.top,
+            "leaf": self.spec.leaf,
+            "reading": self.spec.reading,
+            "cells": self.blocks * self.spec.leaf_per_top**3,
+            "nonempty": self.nonempty,
+            "references": len(self.references) if self.nonempty else 0,
+            "bytes": self.bytes,
+            "build_seconds": self.build_seconds,
+        }
+
+
+def vector(values) -> np.ndarray:
+    """A float3 kernel argument."""
+    return np.array([*values, 0], np.float32)
+
+
+def walk_defines(spec: GridSpec) -> dict[str, int]:
+    """Definitions that fix the walk to one grid resolution."""
+    return {"TOP": spec.top, "LEAF_PER_TOP": spec.leaf_per_top}
+
+
+def check_spec(spec: GridSpec) -> None:
+    """Raise DefrayError for a resolution that makes no grid."""
+    if spec.reading not in ("total", "per-cell"):
+        raise DefrayError(f"unknown grid reading '{spec.reading}'; known: per-cell, total")
+    if spec.top < 1 or spec.leaf < 1:
+        raise DefrayError(f"grid resolutions must be at least 1, not top {spec.top} and leaf {spec.leaf}")
+    if spec.reading == "total" and spec.leaf % spec.top:
+        near = max(spec.top, round(spec.leaf / spec.top) * spec.top)
+        raise DefrayError(
+            f"top {spec.top} does not divide leaf {spec.leaf}; with reading 'total' take leaf {near}"
+        )
+    if spec.resolution > MAX_RESOLUTION:
+        raise DefrayError(f"grid {spec} has {spec.resolution} leaf cells an axis; at most {MAX_RESOLUTION}")
+
+
+def upload_scene(device: Device, triangles: np.ndarray) -> DeviceScene:
+    """Copy triangles float32[n,3,3] to the device; zero-area ones stay in the numbering but not active."""
+    active = np.flatnonzero(~zero_area(triangles)).astype(np.int32)
+    if not len(active):
+        raise DefrayError("the scene has no triangle with an area")
+    if triangles.nbytes > device.max_allocation_bytes:
+        need, most = triangles.nbytes / 2**30, device.max_allocation_bytes / 2**30
+        raise DefrayError(f"the triangles need {need:.1f} GiB in one buffer; {device.name} allows {most:.1f}")
+    corners = triangles[active]
+    return DeviceScene(
+        device=device,
+        triangles=cl.array.to_device(device.queue, np.ascontiguousarray(triangles, np.float32).ravel()),
+        active=cl.array.to_device(device.queue, active),
+        active_count=len(active),
+        lower=corners.min(axis=(0, 1)).astype(np.float64),
+        upper=corners.max(axis=(0, 1)).astype(np.float64),
+    )
+
+
+def grid_box(scene: DeviceScene, spec: GridSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Lower corner and cell size, float32[3] each: the scene's bounds and a margin."""
+    extent = scene.upper - scene.lower
+    largest = max(extent.max(), 1e-6 * np.abs(scene.upper).max(), 1e-30)
+    margin = np.maximum(extent, largest * MARGIN) * MARGIN + largest * 2.0**-20
+    lower = np.nextafter((scene.lower - margin).astype(np.float32), np.float32(-np.inf))
+    size = (scene.upper + margin - lower.astype(np.float64)) / spec.resolution
+    return lower, np.nextafter(size.astype(np.float32), np.float32(np.inf))
+
+
+def build_grid(scene: DeviceScene, spec: GridSpec) -> Grid:
+    """Build the grid; raises DefrayError for a bad resolution or one that needs too much memory."""
+    check_spec(spec)
+    started = time.perf_counter()
+    builder = _Builder(scene, spec)
+    top_block = builder.count_references()
+    bricks, nonempty = builder.emit_references(top_block)
+    cell_start, references = builder.fill_cells(bricks, nonempty)
+    scene.device.queue.finish()
+    return Grid(
+        spec=spec,
+        lower=builder.lower,
+        cell_size=builder.cell_size,
+        top_block=top_block,
+        bricks=bricks,
+        cell_start=cell_start,
+        references=references,
+        blocks=builder.blocks,
+        nonempty=nonempty,
+        build_seconds=time.perf_counter() - started,
+    )
+
+
+class _Builder:
+    """Arrays that live from one step of the build to the next."""
+
+    def __init__(self, scene: DeviceScene, spec: GridSpec):
+        self.scene, self.spec, self.device = scene, spec, scene.device
+        self.queue = scene.device.queue
+        self.lower, self.cell_size = grid_box(scene, spec)
+        self.program: Program = build(scene.device, "grid_build.cl", defines=walk_defines(spec))
+        self.pad = np.float32(PAD_ULP * 2.0**-24 * spec.resolution)
+        self.blocks = 0
+        self.references = 0
+
+    def _triangle_arguments(self) -> tuple:
+        scene, inverse = self.scene, vector(1 / self.cell_size)
+        return scene.active_count, scene.active, scene.triangles, vector(self.lower), inverse, self.pad
+
+    def count_references(self) -> cl.array.Array:
+        """First pass: references of every triangle; numbers the top cells that hold any."""
+        scene, queue = self.scene, self.queue
+        self.reference_start = cl.array.zeros(queue, scene.active_count, np.uint32)
+        top_used = cl.array.zeros(queue, self.spec.top**3, np.int32)
+        self.program.launch(
+            "count_references", scene.active_count, *self._triangle_arguments(), self.reference_start, top_used
+        )
+        self.references = int(cl.array.sum(self.reference_start, dtype=np.int64).get())
+        exclusive_scan(self.device)(self.reference_start)
+        used = top_used.get() > 0
+        self.blocks = int(used.sum())
+        self._check_memory()
+        block = np.where(used, np.cumsum(used) - 1, -1).astype(np.int32)
+        return cl.array.to_device(queue, block)
+
+    def _check_memory(self) -> None:
+        """Say in advance what the grid needs, and refuse what the device cannot hold."""
+        bricks = self.blocks * bricks_per_block(self.spec)
+        brick_bytes, entry_bytes = 12 * bricks, 12 * self.references
+        need = brick_bytes + entry_bytes
+        largest = max(8 * bricks, 4 * self.references)
+        limit = min(self.device.memory_bytes, 16 * 2**30)
+        if bricks >= 2**27 or self.references >= 2**31 or need > limit or largest > self.device.max_allocation_bytes:
+            raise DefrayError(
+                f"grid {self.spec} needs {need / 2**30:.1f} GiB ({self.references:,} references, "
+                f"{bricks * 32:,} leaf cells); the limit here is {limit / 2**30:.1f} GiB"
+            )
+
+    def emit_references(self, top_block: cl.array.Array) -> tuple[cl.array.Array, int]:
+        """Second pass: one entry a reference and the occupancy bits; returns bricks and non-empty cells."""
+        queue = self.queue
+        bricks = self.blocks * bricks_per_block(self.spec)
+        occupancy = cl.array.zeros(queue, max(bricks, 1), np.uint32)
+        self.entry_cell = cl.array.empty(queue, max(self.references, 1), np.uint32)
+        self.entry_primitive = cl.array.empty(queue, max(self.references, 1), np.int32)
+        self.program.launch(
+            "emit_references",
+            self.scene.active_count,
+            *self._triangle_arguments(),
+            self.reference_start,
+            top_block,
+            occupancy,
+            self.entry_cell,
+            self.entry_primitive,
+        )
+        del self.reference_start
+        result = cl.array.empty(queue, 2 * max(bricks, 1), np.uint32)
+        total = cl.array.zeros(queue, 1, np.uint32)
+        rank_scan(self.device)(occupancy, result, total)
+        return result, int(total.get()[0])
+
+    def fill_cells(self, bricks: cl.array.Array, nonempty: int) -> tuple[cl.array.Array, cl.array.Array]:
+        """Counting sort of the entries by cell; ascending triangles in each."""
+        queue, program, entries = self.queue, self.program, np.uint32(self.references)
+        count = cl.array.zeros(queue, nonempty + 1, np.int32)
+        program.launch("count_cells", self.references, entries, bricks, self.entry_cell, count)
+        exclusive_scan(self.device)(count)
+        cursor = count.copy()
+        references = cl.array.empty(queue, max(self.references, 1), np.int32)
+        program.launch(
+            "fill_cells", self.references, entries, self.entry_cell, self.entry_primitive, cursor, references
+        )
+        del self.entry_cell, self.entry_primitive
+        program.launch("sort_cells", nonempty, nonempty, count, references)
+        return count, references
+
+
+def bricks_per_block(spec: GridSpec) -> int:
+    """Words of occupancy of one block."""
+    per_axis = [-(-spec.leaf_per_top // size) for size in BRICK]
+    return per_axis[0] * per_axis[1] * per_axis[2]
+
+
+@functools.cache
+def exclusive_scan(device: Device):
+    """In-place exclusive prefix sum of a 32-bit array."""
+    from pyopencl.scan import ExclusiveScanKernel
+
+    kernels = {
+        np.dtype(dtype): ExclusiveScanKernel(device.context, dtype, "a+b", neutral="0")
+        for dtype in (np.int32, np.uint32)
+    }
+    return lambda array: kernels[array.dtype](array)
+
+
+@functools.cache
+def rank_scan(device: Device):
+    """Occupancy words to (occupancy, non-empty cells before) pairs, and the total."""
+    from pyopencl.scan import GenericScanKernel
+
+    kernel = GenericScanKernel(
+        device.context,
+        np.uint32,
+        arguments="__global uint *occupancy, __global uint *bricks, __global uint *total",
+        input_expr="popcount(occupancy[i])",
+        scan_expr="a+b",
+        neutral="0",
+        output_statement="""
+            bricks[2 * i] = occupancy[i];
+            bricks[2 * i + 1] = item - popcount(occupancy[i]);
+            if (i == N - 1) total[0] = item;
+        """,
+    )
+    return kernel

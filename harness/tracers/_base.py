@@ -1,0 +1,225 @@
+"""What tracers share: options, batches of rays on the device, and the final hits."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from harness.data import Counters, Hits, Rays, Scene
+from harness.device import Device
+from harness.errors import DefrayError
+from harness.grid import DeviceScene, Grid, upload_scene
+from harness.intersectors import Intersector
+from harness.program import Program, build
+from harness.runtime import cl
+from harness.stopwatch import Stopwatch
+
+POISON = 0xA5  # outputs are filled with this byte before a run, so that a kernel that writes nothing shows
+COUNTERS = ("steps", "pairs", "tests", "lane_tests")
+
+
+class Options(BaseModel):
+    """Options of a tracer; a tracer's own class adds to it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class DeviceOptions(Options):
+    """Options of every tracer that runs on an OpenCL device."""
+
+    lanes: Literal["auto", "1", "4", "8", "16"] = "auto"
+    batch: int = Field(default=1 << 20, gt=0, description="rays on the device at a time")
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What a group of runs shares: the scene, the device, the scene on the device, and the grid."""
+
+    scene: Scene
+    device: Device | None = None
+    device_scene: DeviceScene | None = None
+    grid: Grid | None = None
+
+    @classmethod
+    def on_device(cls, scene: Scene, device: Device) -> Setting:
+        """The scene uploaded, without a grid."""
+        return cls(scene, device, upload_scene(device, scene.triangles))
+
+
+class Tracer(ABC):
+    """One way of finding first hits."""
+
+    name: ClassVar[str]
+    needs_device: ClassVar[bool] = True
+    needs_grid: ClassVar[bool] = False
+    needs_intersector: ClassVar[bool] = True
+    Options: ClassVar[type[Options]] = DeviceOptions
+
+    def __init__(self, setting: Setting, intersector: Intersector | None, options: dict[str, str]):
+        self.setting, self.intersector = setting, intersector
+        self.options = parse_options(type(self), options)
+
+    @abstractmethod
+    def trace(self, rays: Rays, watch: Stopwatch) -> Hits:
+        """First hits of all rays; adds the times to `watch`."""
+
+    @abstractmethod
+    def count(self, rays: Rays) -> Counters:
+        """Exact work counts, from an instrumented run."""
+
+
+def parse_options(tracer: type[Tracer], options: dict[str, str]) -> Options:
+    """Validate options given as text; raises DefrayError naming the option."""
+    try:
+        return tracer.Options(**options)
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = str(first["loc"][0]) if first["loc"] else "?"
+        if first["type"] == "extra_forbidden":
+            from harness.errors import known
+
+            raise known(f"option of tracer {tracer.name}", name, tracer.Options.model_fields) from None
+        raise DefrayError(f"option {name}={options.get(name)} of {tracer.name}: {first['msg'].lower()}") from None
+
+
+class Batch:
+    """Rays on the device: inputs, the ray records the kernels read, and poisoned outputs.
+
+    `rays`: 32 bytes a ray; `keys` uint64[n], best hits; `positions` uint64[n], packed leaf positions;
+    `t_exit` float32[n], how far a ray has been walked.
+    """
+
+    def __init__(self, device: Device, rays: Rays):
+        queue = device.queue
+        self.count = len(rays)
+        self.origins, self.directions, self.t_max = (
+            cl.array.to_device(queue, np.ascontiguousarray(values, np.float32).ravel())
+            for values in (rays.origins, rays.directions, rays.t_max)
+        )
+        self.rays = poisoned(queue, 8 * self.count, np.float32)
+        self.keys = poisoned(queue, self.count, np.uint64)
+        self.positions = poisoned(queue, self.count, np.uint64)
+        self.t_exit = poisoned(queue, self.count, np.float32)
+        self.hits = [poisoned(queue, self.count, d) for d in (np.float32, np.int32, np.float32, np.float32)]
+
+    def download(self) -> Hits:
+        """The hits, on the host."""
+        return Hits(*(array.get() for array in self.hits))
+
+
+def poisoned(queue: cl.CommandQueue, count: int, dtype) -> cl.array.Array:
+    """An array on the device filled with the poison byte."""
+    array = cl.array.empty(queue, count, dtype)
+    cl.enqueue_fill_buffer(queue, array.data, np.uint8(POISON), 0, array.nbytes)
+    return array
+
+
+class DeviceTracer(Tracer):
+    """A tracer that runs OpenCL kernels over batches of rays, in bounded device memory."""
+
+    default_lanes: ClassVar[int | None] = None  # None: the device's own
+
+    def __init__(self, setting: Setting, intersector: Intersector | None, options: dict[str, str]):
+        super().__init__(setting, intersector, options)
+        self.device = setting.device
+        self.scene = setting.device_scene
+        self.grid = setting.grid
+        self.counters: cl.array.Array | None = None
+        self.batch_size = self.options.batch
+        if not self.device.has_int64_atomics:
+            raise DefrayError(f"{self.device.name} has no 64-bit atomics (cl_khr_int64_extended_atomics)")
+
+    @property
+    def lanes(self) -> int:
+        """Rays (or triangles) tested at a time."""
+        if self.options.lanes != "auto":
+            return int(self.options.lanes)
+        return self.default_lanes or self.device.native_lanes
+
+    @property
+    def counting(self) -> tuple:
+        """The last argument of an instrumented kernel, nothing for a plain one."""
+        return () if self.counters is None else (self.counters,)
+
+    def program(self, *files: str, lanes: int = 1, grid: bool = False) -> Program:
+        """Build kernel files for this tracer's intersector and, where they walk, its grid."""
+        defines = dict(self.grid.defines) if grid else {}
+        if self.counters is not None:
+            defines["COUNT_WORK"] = 1
+        file = self.intersector.file if self.intersector else None
+        return build(self.device, *files, intersector=file, lanes=lanes, defines=defines)
+
+    @cached_property
+    def _start_program(self) -> Program:
+        from harness.data import GridSpec
+        from harness.grid import walk_defines
+
+        spec = self.grid.spec if self.grid else GridSpec(1, 1)
+        return build(self.device, "start.cl", defines=walk_defines(spec))
+
+    def start(self, batch: Batch) -> None:
+        """Prepare the ray records and, with a grid, find where each ray enters it."""
+        inputs = (batch.count, batch.origins, batch.directions, batch.t_max)
+        if self.grid:
+            outputs = (batch.rays, batch.keys, batch.positions, batch.t_exit)
+            self._start_program.launch("start_rays", batch.count, *inputs, *self.grid.arguments, *outputs)
+        else:
+            self._start_program.launch("start_rays_without_grid", batch.count, *inputs, batch.rays, batch.keys)
+
+    def finish(self, batch: Batch) -> None:
+        """Turn best keys into hits."""
+        program = build(self.device, "hits.cl", intersector=self.intersector.file)
+        arguments = (batch.rays, batch.keys, self.scene.triangles, *batch.hits)
+        program.launch("write_hits", batch.count, batch.count, *arguments)
+
+    def prepare(self, batch: Batch) -> None:
+        """Untimed work before a batch."""
+
+    @abstractmethod
+    def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
+        """Leave the best hits' keys in `batch.keys`."""
+
+    def trace(self, rays: Rays, watch: Stopwatch) -> Hits:
+        """First hits, batch by batch; a batch whose pairs do not fit is halved and started again."""
+        parts, first = [], 0
+        while first < len(rays):
+            batch = Batch(self.device, rays[first : first + self.batch_size])
+            try:
+                self.prepare(batch)
+                with watch.total():
+                    self.start(batch)
+                    self.trace_batch(batch, watch)
+                    self.finish(batch)
+            except BatchTooLarge as error:
+                self._halve(error)
+                continue
+            parts.append(batch.download())
+            first += batch.count
+        columns = zip(*((p.t, p.primitive, p.u, p.v) for p in parts), strict=True)
+        return Hits(*(np.concatenate(column) for column in columns))
+
+    def _halve(self, error: BatchTooLarge) -> None:
+        if self.batch_size <= 1024:
+            raise DefrayError(f"a batch of {self.batch_size} rays needs {error}; use a coarser grid") from error
+        self.batch_size = -(-self.batch_size // 2)
+
+    def count(self, rays: Rays) -> Counters:
+        """Exact work counts summed over all batches."""
+        self.counters = cl.array.zeros(self.device.queue, len(COUNTERS), np.uint64)
+        self.counted = Counters()
+        try:
+            self.trace(rays, Stopwatch(self.device.queue))
+            for name, value in zip(COUNTERS, self.counters.get(), strict=True):
+                setattr(self.counted, name, int(value))
+        finally:
+            self.counters = None
+        return self.counted
+
+
+class BatchTooLarge(Exception):
+    """The pairs of a batch exceed the device's memory; the message says how much they need."""

@@ -1,0 +1,268 @@
+"""Deferred tracing with intersection binning: the paper's tracer (section 2).
+
+A wave walks each unfinished ray through at most `wave` non-empty cells without testing a triangle, arranges
+the ray-cell pairs so that pairs of one cell are adjacent, and intersects bin after bin.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Literal
+
+import numpy as np
+from pydantic import field_validator
+
+from harness.device import Device
+from harness.program import Program
+from harness.runtime import cl
+from harness.stopwatch import Stopwatch
+from harness.tracers._base import Batch, BatchTooLarge, DeviceOptions, DeviceTracer
+
+ENDLESS = 1 << 30  # more non-empty cells than a ray can meet
+SEGMENT = 32  # cells a ray that one recording pass remembers at most
+
+
+class DeferredOptions(DeviceOptions):
+    """`arrange`: walk twice (the paper) or walk once and remember; `wave`: non-empty cells a ray, or `all`."""
+
+    arrange: Literal["two-pass", "record"] = "two-pass"
+    wave: str = "8"
+    compaction: bool = True
+
+    @field_validator("wave")
+    @classmethod
+    def _positive_or_all(cls, wave: str) -> str:
+        if wave != "all" and not (wave.isdigit() and int(wave) > 0):
+            raise ValueError("must be a positive whole number or 'all'")
+        return wave
+
+    @property
+    def cells(self) -> int:
+        """Non-empty cells a ray in one wave."""
+        return ENDLESS if self.wave == "all" else int(self.wave)
+
+
+class Deferred(DeviceTracer):
+    """Walk, bin, intersect, compact; wave after wave until no ray is left."""
+
+    name = "deferred"
+    needs_grid = True
+    Options = DeferredOptions
+
+    def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
+        """All waves of one batch."""
+        queue = self.device.queue
+        walk = self.program("traverse.cl", lanes=1, grid=True)
+        bins = _Bins(self)
+        arrange = _TwoPass if self.options.arrange == "two-pass" else _Record
+        active, active_count = cl.array.arange(queue, batch.count, dtype=np.int32), batch.count
+        spare = cl.array.empty(queue, batch.count, np.int32)
+        while active_count:
+            arranged = arrange(self, batch, walk, bins, active, active_count)
+            with watch.stage("traverse"):
+                bins.clear()
+                arranged.walk()
+            with watch.stage("arrange"):
+                bins.lay_out()
+                arranged.scatter()
+            if not bins.chunks:
+                break
+            with watch.stage("traverse"):
+                arranged.walk_again()
+            with watch.stage("intersect"):
+                bins.intersect(batch)
+            self._count_wave(bins)
+            if self.options.compaction or self.counters is not None:
+                with watch.stage("compact"):
+                    kept = compact(self.device, active, spare, batch, active_count)
+                active, spare = spare, active
+                self._count_finished(active_count - kept)
+                active_count = kept
+
+    def _count_wave(self, bins: _Bins) -> None:
+        if self.counters is not None:
+            self.counted.waves += 1
+            self.counted.padding += bins.chunks * self.lanes - bins.pair_count()
+
+    def _count_finished(self, finished: int) -> None:
+        if self.counters is not None:
+            self.counted.finished_per_wave.append(finished)
+
+
+class _Bins:
+    """The bins of one wave: one a non-empty cell, each a whole number of chunks of `lanes` pairs."""
+
+    def __init__(self, tracer: Deferred):
+        self.tracer, self.device, self.lanes = tracer, tracer.device, tracer.lanes
+        queue, cells = self.device.queue, tracer.grid.nonempty
+        self.cells = cells
+        self.cell_count = cl.array.empty(queue, cells + 1, np.int32)
+        self.chunk_start = cl.array.empty(queue, cells + 1, np.int32)
+        self.cursor = cl.array.empty(queue, cells + 1, np.int32)
+        self.chunk_cell = self.pairs = cl.array.empty(queue, 1, np.int32)
+        self.chunks = 0
+        self.bin_program = tracer.program("bin.cl", lanes=self.lanes)
+        self.intersect_program = tracer.program("intersect_driver.cl", lanes=self.lanes)
+
+    def clear(self) -> None:
+        """Empty bins."""
+        self.cell_count.fill(0)
+
+    def lay_out(self) -> None:
+        """Prefix sum of the counts in chunks, and room for the pairs."""
+        chunk_scan(self.device, self.lanes)(self.cell_count, self.chunk_start)
+        self.chunks = int(self.chunk_start[-1].get())
+        self._make_room()
+        self.bin_program.launch(
+            "lay_out_bins",
+            self.cells,
+            *(self.cells, self.cell_count, self.chunk_start, self.chunk_cell, self.pairs, self.cursor),
+        )
+
+    def _make_room(self) -> None:
+        slots = self.chunks * self.lanes
+        if 4 * slots > self.device.max_allocation_bytes or slots >= 2**31 or self.chunks < 0:
+            raise BatchTooLarge(f"{4 * slots / 2**30:.1f} GiB for its pairs")
+        if len(self.pairs) < slots:
+            self.pairs = cl.array.empty(self.device.queue, slots, np.int32)
+        if len(self.chunk_cell) < self.chunks:
+            self.chunk_cell = cl.array.empty(self.device.queue, self.chunks, np.int32)
+
+    def pair_count(self) -> int:
+        """Pairs stored in this wave."""
+        return int(cl.array.sum(self.cell_count, dtype=np.int64).get())
+
+    def intersect(self, batch: Batch) -> None:
+        """Chunk after chunk, in the order of the bins."""
+        grid, scene = self.tracer.grid, self.tracer.scene
+        self.intersect_program.launch(
+            "intersect_bins",
+            self.chunks,
+            *(self.chunks, self.chunk_cell, self.pairs, grid.cell_start, grid.references),
+            *(scene.triangles, batch.rays, batch.keys, *self.tracer.counting),
+        )
+
+
+class _TwoPass:
+    """The paper's arrangement: the first walk counts, the second packs."""
+
+    def __init__(self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int):
+        self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
+        self.active_count = active_count
+        rays = (active_count, active, batch.rays, batch.keys)
+        self.arguments = (*rays, *tracer.grid.arguments, tracer.options.cells, batch.positions, batch.t_exit)
+
+    def walk(self) -> None:
+        """Count ray visits to each cell."""
+        counting = self.tracer.counting
+        self.program.launch(
+            "count_pairs", self.active_count, *self.arguments, self.bins.cell_count, *counting
+        )
+
+    def scatter(self) -> None:
+        """Nothing: the second walk stores the pairs."""
+
+    def walk_again(self) -> None:
+        """Store each ray in the bins of its cells."""
+        self.program.launch(
+            "pack_pairs", self.active_count, *self.arguments, self.bins.cursor, self.bins.pairs
+        )
+
+
+class _Record:
+    """Walks once: remembers cells and ranks in segments, then scatters them into the bins."""
+
+    def __init__(self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int):
+        self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
+        self.active, self.active_count = active, active_count
+        self.segments: list[tuple] = []
+
+    def walk(self) -> None:
+        """Record up to `wave` cells a ray; a wave longer than a segment takes several passes."""
+        active, count, left = self.active, self.active_count, self.tracer.options.cells
+        queue, device = self.tracer.device.queue, self.tracer.device
+        while count and left > 0:
+            length = min(left, SEGMENT)
+            if 8 * count * length > device.max_allocation_bytes:
+                raise BatchTooLarge(f"{8 * count * length / 2**30:.1f} GiB for its recorded cells")
+            recorded = cl.array.empty(queue, 2 * count * length, np.int32)
+            lengths = cl.array.empty(queue, count, np.int32)
+            self._record(active, count, length, recorded, lengths)
+            self.segments.append((active, count, length, recorded, lengths))
+            left -= length
+            if left > 0:
+                following = cl.array.empty(queue, count, np.int32)
+                count = compact(device, active, following, self.batch, count)
+                active = following
+
+    def _record(self, active, count: int, length: int, recorded, lengths) -> None:
+        batch, tracer = self.batch, self.tracer
+        self.program.launch(
+            "record_pairs",
+            count,
+            *(count, active, batch.rays, batch.keys, *tracer.grid.arguments, length),
+            *(batch.positions, batch.t_exit, self.bins.cell_count, recorded, lengths, *tracer.counting),
+        )
+
+    def scatter(self) -> None:
+        """Store the recorded encounters at their bins' offsets."""
+        for active, count, length, recorded, lengths in self.segments:
+            self.bins.bin_program.launch(
+                "scatter_pairs",
+                count,
+                *(count, active, length, recorded, lengths, self.bins.chunk_start, self.bins.pairs),
+            )
+
+    def walk_again(self) -> None:
+        """Nothing: every ray has been walked."""
+
+
+def compact(device: Device, active, kept, batch: Batch, count: int) -> int:
+    """Copy the unfinished rays of `active` to `kept`, in order; returns their number."""
+    total = cl.array.empty(device.queue, 1, np.int32)
+    unfinished_scan(device)(active, kept, batch.positions, batch.keys, batch.t_exit, total, size=count)
+    return int(total.get()[0])
+
+
+@functools.cache
+def chunk_scan(device: Device, lanes: int):
+    """Exclusive prefix sum of ceil(count / lanes): the first chunk of each bin."""
+    from pyopencl.scan import GenericScanKernel
+
+    return GenericScanKernel(
+        device.context,
+        np.int32,
+        arguments="__global int *cell_count, __global int *chunk_start",
+        input_expr=f"(i < N - 1 ? (cell_count[i] + {lanes - 1}) / {lanes} : 0)",
+        scan_expr="a+b",
+        neutral="0",
+        output_statement="chunk_start[i] = prev_item;",
+    )
+
+
+@functools.cache
+def unfinished_scan(device: Device):
+    """List compaction: a ray stays while it is in the grid and its best t lies beyond the cells walked."""
+    from pyopencl.scan import GenericScanKernel
+
+    return GenericScanKernel(
+        device.context,
+        np.int32,
+        arguments=(
+            "__global int *active, __global int *kept, __global ulong *positions, __global ulong *keys, "
+            "__global float *t_exit, __global int *total"
+        ),
+        input_expr=(
+            "(positions[active[i]] != 0xffffffffffffffffUL"
+            " && as_float((uint)(keys[active[i]] >> 32)) > t_exit[active[i]]) ? 1 : 0"
+        ),
+        scan_expr="a+b",
+        neutral="0",
+        output_statement="""
+            if (prev_item != item) kept[prev_item] = active[i];
+            if (i == N - 1) total[0] = item;
+        """,
+    )
+
+
+TRACER = Deferred

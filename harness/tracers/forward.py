@@ -1,0 +1,34 @@
+"""Forward tracing through the grid: step, test the cell's triangles, halt at the first hit."""
+
+from __future__ import annotations
+
+
+from harness.runtime import cl
+from harness.stopwatch import Stopwatch
+from harness.tracers._base import Batch, DeviceTracer
+
+
+class Forward(DeviceTracer):
+    """One ray a work-item, as the paper's baseline; `lanes` > 1 tests that many triangles of a cell at a time."""
+
+    name = "forward"
+    needs_grid = True
+    default_lanes = 1
+
+    def prepare(self, batch: Batch) -> None:
+        """Room for the number of cells each ray visits."""
+        self.visited = cl.array.zeros(self.device.queue, batch.count, np.int32)
+
+    def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
+        """One kernel; traversal and intersection are interleaved, so there is only a total."""
+        program = self.program("forward.cl", lanes=self.lanes, grid=True)
+        program.launch(
+            "trace_forward",
+            batch.count,
+            *(batch.count, batch.rays, batch.keys, *self.grid.arguments),
+            *(self.grid.cell_start, self.grid.references, self.scene.triangles, batch.positions),
+            *(self.visited, *self.counting),
+        )
+
+
+TRACER = Forward

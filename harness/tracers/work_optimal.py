@@ -1,0 +1,56 @@
+"""Synthetic work-optimal intersection (paper, section 3): the cells up to each hit are known beforehand."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness.grid import exclusive_scan
+from harness.runtime import cl
+from harness.stopwatch import Stopwatch
+from harness.tracers._base import Batch, DeviceTracer
+
+
+class WorkOptimal(DeviceTracer):
+    """The paper's baseline. Recording the cells is not timed: forward tracing with traversal free of charge."""
+
+    name = "work-optimal"
+    needs_grid = True
+    default_lanes = 1
+
+    def prepare(self, batch: Batch) -> None:
+        """Trace forward once to learn how many cells each ray visits, then write them down."""
+        queue, grid = self.device.queue, self.grid
+        program = self.program("forward.cl", lanes=self.lanes, grid=True)
+        self.visited = cl.array.zeros(queue, batch.count, np.int32)
+        throwaway = () if self.counters is None else (cl.array.zeros_like(self.counters),)
+        self.start(batch)
+        program.launch(
+            "trace_forward",
+            batch.count,
+            *(batch.count, batch.rays, batch.keys, *grid.arguments, grid.cell_start, grid.references),
+            *(self.scene.triangles, batch.positions, self.visited, *throwaway),
+        )
+        self.visited_start = self.visited.copy()
+        exclusive_scan(self.device)(self.visited_start)
+        total = int(self.visited_start[-1].get()) + int(self.visited[-1].get())
+        self.visited_cell = cl.array.empty(queue, max(total, 1), np.int32)
+        program.launch(
+            "record_visited",
+            batch.count,
+            *(batch.count, batch.rays, *grid.arguments, batch.positions),
+            *(self.visited, self.visited_start, self.visited_cell),
+        )
+
+    def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
+        """Spin over the recorded cells."""
+        program = self.program("work_optimal.cl", lanes=self.lanes)
+        with watch.stage("intersect"):
+            program.launch(
+                "intersect_visited",
+                batch.count,
+                *(batch.count, batch.rays, batch.keys, self.visited, self.visited_start, self.visited_cell),
+                *(self.grid.cell_start, self.grid.references, self.scene.triangles, *self.counting),
+            )
+
+
+TRACER = WorkOptimal

@@ -1,0 +1,52 @@
+// Forward tracing, one ray a work-item: step, test the cell's triangles, halt at the first hit that is not
+// beyond the cell. With LANES > 1 a ray tests LANES triangles of a cell at a time.
+#include "common.clh"
+#include "walk.clh"
+#include INTERSECTOR
+#include "cell_test.clh"
+
+// Traces rays from the start; `visited` receives the number of non-empty cells walked up to the halt.
+kernel void trace_forward(const int count, global const Ray *rays, global ulong *keys, GRID_ARGUMENTS,
+                          global const int *cell_start, global const int *references,
+                          global const float *triangles, global const ulong *positions,
+                          global int *visited COUNTERS)
+{
+    const int i = get_global_id(0);
+    if (i >= count)
+        return;
+    visited[i] = 0;
+    if (positions[i] == LEFT_GRID)
+        return;
+    const Grid grid = GRID_VALUES;
+    const Frame frame = frame_of(rays[i]);
+    Walk w = walk_setup(grid, rays[i]);
+    w.cell = unpack_position(positions[i]);
+    ulong best = keys[i];
+    int cells = 0;
+    for (int cell = walk_next(&w, grid); cell != NO_CELL; cell = walk_next(&w, grid)) {
+        best = test_cell(&frame, triangles, references, cell_start[cell], cell_start[cell + 1], best);
+        add_count(COUNT_TESTS, cell_start[cell + 1] - cell_start[cell]);
+        add_count(COUNT_LANE_TESTS, LANES * ((cell_start[cell + 1] - cell_start[cell] + LANES - 1) / LANES));
+        cells++;
+        if (key_t(best) <= w.t_exit)
+            break;
+    }
+    keys[i] = best;
+    visited[i] = cells;
+    add_count(COUNT_PAIRS, cells);
+    add_count(COUNT_STEPS, w.steps);
+}
+
+// Writes down the first `visited` non-empty cells of each ray, for the work-optimal intersection.
+kernel void record_visited(const int count, global const Ray *rays, GRID_ARGUMENTS, global const ulong *positions,
+                           global const int *visited, global const int *visited_start, global int *visited_cell)
+{
+    const int i = get_global_id(0);
+    if (i >= count || visited[i] == 0)
+        return;
+    const Grid grid = GRID_VALUES;
+    Walk w = walk_setup(grid, rays[i]);
+    w.cell = unpack_position(positions[i]);
+    for (int k = 0; k < visited[i]; ++k)
+        visited_cell[visited_start[i] + k] = walk_next(&w, grid);
+}

@@ -1,0 +1,30 @@
+// From best keys to hits, the same kernel for every tracer. Built with LANES = 1.
+#include "common.clh"
+#include INTERSECTOR
+
+// Undoes the direction's scaling and evaluates u and v of the winning triangle.
+kernel void write_hits(const int count, global const Ray *rays, global const ulong *keys,
+                       global const float *triangles, global float *t, global int *primitive, global float *u,
+                       global float *v)
+{
+    const int i = get_global_id(0);
+    if (i >= count)
+        return;
+    const ulong key = keys[i];
+    const int hit = key_primitive(key) != NO_PRIMITIVE;
+    t[i] = INFINITY;
+    primitive[i] = -1;
+    u[i] = v[i] = 0.0f;
+    if (!hit)
+        return;
+    const Ray r = rays[i];
+    const RayLanes lanes = {r.ox, r.oy, r.oz, r.dx, r.dy, r.dz};
+    const Frame frame = intersector_setup(lanes);
+    const Triangle triangle = broadcast_triangle(triangles, (int)key_primitive(key));
+    real exact_t = 0.0f, hit_u = 0.0f, hit_v = 0.0f;
+    intersector_test(&frame, &triangle, &exact_t, &hit_u, &hit_v);
+    t[i] = ldexp(key_t(key), -r.exponent);
+    primitive[i] = (int)key_primitive(key);
+    u[i] = hit_u;
+    v[i] = hit_v;
+}

@@ -1,0 +1,71 @@
+// Ellis, Shaffer & Hart, "Deferred Ray Tracing Using Intersection Binning", section 2: the triangle is taken
+// into ray space and a 2D point-in-polygon test decides.
+//
+//   X_i = (p_i - o) . u,  Y_i = (p_i - o) . v      six dot products; (u, v) span the plane across the ray
+//   (E0, E1, E2) = (X0,X1,X2) x (Y0,Y1,Y2)         one cross product: the three edge functions
+//   hit when no two edge functions differ in sign; t = sum(E_i Z_i) / sum(E_i),  Z_i = (p_i - o) . d / d . d
+//
+// The frame is that of Duff et al. 2017, "Building an orthonormal basis, revisited", for unit directions.
+// flops: 54 to reject, +24 and one division on a hit. Bytes a triangle: 36, nothing precomputed.
+// Watertight: yes without contraction: X_i and Y_i depend on vertex and ray alone, and a rounded difference
+// of rounded products never has the wrong sign.
+// Known failures: t of slivers.
+
+typedef struct {
+    real ox, oy, oz;
+    real ux, uy, uz;
+    real vx, vy, vz;
+    real dx, dy, dz;  // direction over its squared length, so that Z_i is in units of t
+} Frame;
+
+inline Frame intersector_setup(const RayLanes ray)
+{
+    const real squared = fma(ray.dx, ray.dx, fma(ray.dy, ray.dy, ray.dz * ray.dz));
+    const real inverse = 1.0f / sqrt(squared);
+    const real x = ray.dx * inverse, y = ray.dy * inverse, z = ray.dz * inverse;
+    const real sign = copysign((real)1.0f, z);
+    const real a = -1.0f / (sign + z);
+    const real b = x * y * a;
+    const real over = 1.0f / squared;
+    Frame f;
+    f.ox = ray.ox, f.oy = ray.oy, f.oz = ray.oz;
+    f.ux = 1.0f + sign * x * x * a, f.uy = sign * b, f.uz = -sign * x;
+    f.vx = b, f.vy = sign + y * y * a, f.vz = -y;
+    f.dx = ray.dx * over, f.dy = ray.dy * over, f.dz = ray.dz * over;
+    return f;
+}
+
+inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u, real *v)
+{
+    const real px0 = s->x0 - f->ox, py0 = s->y0 - f->oy, pz0 = s->z0 - f->oz;
+    const real px1 = s->x1 - f->ox, py1 = s->y1 - f->oy, pz1 = s->z1 - f->oz;
+    const real px2 = s->x2 - f->ox, py2 = s->y2 - f->oy, pz2 = s->z2 - f->oz;
+
+    // Six dot products take the vertices across the ray.
+    const real x0 = fma(px0, f->ux, fma(py0, f->uy, pz0 * f->uz));
+    const real y0 = fma(px0, f->vx, fma(py0, f->vy, pz0 * f->vz));
+    const real x1 = fma(px1, f->ux, fma(py1, f->uy, pz1 * f->uz));
+    const real y1 = fma(px1, f->vx, fma(py1, f->vy, pz1 * f->vz));
+    const real x2 = fma(px2, f->ux, fma(py2, f->uy, pz2 * f->uz));
+    const real y2 = fma(px2, f->vx, fma(py2, f->vy, pz2 * f->vz));
+
+    // One cross product gives the edge functions; contraction is off, so shared edges agree exactly.
+    const real e0 = x1 * y2 - x2 * y1;
+    const real e1 = x2 * y0 - x0 * y2;
+    const real e2 = x0 * y1 - x1 * y0;
+    const real least = min(e0, min(e1, e2)), most = max(e0, max(e1, e2));
+    const mask inside = (least >= 0.0f) | (most <= 0.0f);
+    if (!mask_any(inside))
+        return inside;
+
+    // Only a hit computes t, as the mean of the vertices' depths weighted by the edge functions.
+    const real z0 = fma(px0, f->dx, fma(py0, f->dy, pz0 * f->dz));
+    const real z1 = fma(px1, f->dx, fma(py1, f->dy, pz1 * f->dz));
+    const real z2 = fma(px2, f->dx, fma(py2, f->dy, pz2 * f->dz));
+    const real sum = e0 + e1 + e2;
+    const real inverse = 1.0f / sum;
+    *t = fma(e0, z0, fma(e1, z1, e2 * z2)) * inverse;
+    *u = e1 * inverse;
+    *v = e2 * inverse;
+    return inside & (sum != 0.0f);
+}
