@@ -1,0 +1,314 @@
+"""The `defray` command. Every command imports what it needs when it runs, so that `--help` is instant."""
+
+from __future__ import annotations
+
+import json as json_module
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.errors import DefrayError
+
+app = typer.Typer(
+    name="defray",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Benchmark deferred ray tracing: rays are sorted by the grid cell they visit, then cells are "
+    "intersected one after the other. Every result is checked against an independent ray tracer; a run "
+    "that fails its check has no rate.\n\n"
+    "Start with [bold]defray doctor[/bold] (does OpenCL work here?), then "
+    "[bold]defray trace sponza --rays 64k[/bold].",
+)
+
+SceneArgument = Annotated[
+    str, typer.Argument(metavar="SCENE_OR_FILE", help="A name that 'defray scenes' lists, or a mesh file.")
+]
+RaysOption = Annotated[str, typer.Option(metavar="COUNT", help="Number of rays: 64k, 1M, 2500000.")]
+KindOption = Annotated[str, typer.Option(help="primary, diffuse, ambient-occlusion or random.")]
+SeedOption = Annotated[int, typer.Option(help="Seed of the rays; the same seed gives the same rays.")]
+ViewOption = Annotated[str | None, typer.Option(help="Camera of the scene; its first by default.")]
+TopOption = Annotated[int, typer.Option(help="Cells per axis of the grid's first level.")]
+LeafOption = Annotated[int, typer.Option(help="Cells per axis of its second level; see --reading.")]
+ReadingOption = Annotated[
+    str,
+    typer.Option(
+        help="What --leaf counts: 'total', cells over the whole scene, or 'per-cell', inside every top cell."
+    ),
+]
+RepetitionsOption = Annotated[int, typer.Option(min=1, help="Timed repetitions.")]
+CheckOption = Annotated[
+    str, typer.Option(help="Compare hits with 'embree' or with 'exact' arithmetic, or 'none' (no check).")
+]
+DeviceOption = Annotated[
+    str | None, typer.Option(metavar="PART", help="Part of a device's name in 'defray doctor'.")
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print JSON on standard output, nothing else there.")
+]
+
+
+@app.command()
+def doctor(json: JsonOption = False) -> None:
+    """Probe every OpenCL device by compiling and running a kernel; says what to do when none works."""
+    from harness.doctor import run_doctor
+
+    raise typer.Exit(run_doctor(json=json))
+
+
+@app.command()
+def scenes(json: JsonOption = False) -> None:
+    """List the scenes: number of triangles, whether real, stand-in or missing, and where they come from."""
+    from harness.scene import list_scenes
+
+    statuses = list_scenes()
+    if json:
+        from dataclasses import asdict
+
+        _print_json([asdict(status) for status in statuses])
+        return
+    from harness.show import scene_table
+
+    _print_table(scene_table(statuses))
+
+
+@app.command(
+    epilog="Examples:  [bold]defray trace sponza --rays 64k[/bold]   "
+    "[bold]defray trace dragon.ply --tracer forward --check exact[/bold]   "
+    "[bold]defray trace crown --option wave=8 --json[/bold]"
+)
+def trace(
+    scene: SceneArgument,
+    tracer: Annotated[
+        str, typer.Option(help="deferred, forward, work-optimal, brute or embree.")
+    ] = "deferred",
+    intersector: Annotated[
+        str | None, typer.Option(help="Ray/triangle test; ray-space unless the tracer has its own.")
+    ] = None,
+    option: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE", help="Option of the tracer; may be repeated.")
+    ] = None,
+    rays: RaysOption = "1M",
+    kind: KindOption = "diffuse",
+    seed: SeedOption = 1,
+    view: ViewOption = None,
+    ray_file: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help=".npz with your own rays, instead of --kind and --rays."),
+    ] = None,
+    top: TopOption = 8,
+    leaf: LeafOption = 128,
+    reading: ReadingOption = "total",
+    repetitions: RepetitionsOption = 3,
+    check: CheckOption = "embree",
+    device: DeviceOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Trace rays through one scene, check the hits and report the rate."""
+    from harness.data import GridSpec
+    from harness.plan import check_grid, interleaved
+    from harness.spec import Variant
+
+    text = ":".join(part for part in (tracer, intersector, *(option or [])) if part)
+    common = _common(rays, kind, seed, view, repetitions, check)
+    if ray_file:
+        common |= {"kind": "file", "ray_file": ray_file}
+    grid = check_grid(GridSpec(top, leaf, reading))
+    specs = list(interleaved(scene, [Variant.parse(text)], [grid], **common))
+    record = _measure(specs, device)[0]
+    if json:
+        _print_json(record)
+    else:
+        from harness.show import record_table
+
+        _print_table(record_table(record))
+    _exit_by_checks([record])
+
+
+@app.command(
+    epilog="Examples:  [bold]defray compare deferred:ray-space forward:moller-trumbore --rays 64k[/bold]   "
+    "[bold]defray compare deferred:ray-space:wave=4 deferred:ray-space:wave=8 embree --scenes sponza,crown[/bold]"
+)
+def compare(
+    variants: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="A B ...", help="Two or more of tracer:intersector[:option=value...]; A is the base."
+        ),
+    ],
+    scenes: Annotated[str, typer.Option(metavar="A,B", help="Scenes or mesh files, with commas.")] = "sponza",
+    rays: RaysOption = "1M",
+    kind: KindOption = "diffuse",
+    seed: SeedOption = 1,
+    view: ViewOption = None,
+    top: TopOption = 8,
+    leaf: LeafOption = 128,
+    reading: ReadingOption = "total",
+    repetitions: RepetitionsOption = 5,
+    check: CheckOption = "embree",
+    device: DeviceOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Compare variants on the same rays, repetitions interleaved, as ratios with confidence intervals."""
+    from harness.compare import comparison
+    from harness.data import GridSpec
+    from harness.plan import check_grid, interleaved
+    from harness.spec import Variant
+
+    if len(variants) < 2:
+        raise DefrayError("compare needs two variants or more, as in: defray compare deferred forward")
+    grid = check_grid(GridSpec(top, leaf, reading))
+    common = _common(rays, kind, seed, view, repetitions, check)
+    parsed = [Variant.parse(text) for text in variants]
+    groups = [list(interleaved(name, parsed, [grid], **common)) for name in scenes.split(",") if name.strip()]
+    if any(len({spec.id for spec in group}) < len(group) for group in groups):
+        raise DefrayError("the same variant is named twice")
+    results = [comparison(group, _measure(group, device)) for group in groups]
+    records = [record for result in results for record in result["records"]]
+    if json:
+        _print_json(results)
+    else:
+        from harness.show import comparison_table
+
+        for result in results:
+            _print_table(comparison_table(result))
+    _exit_by_checks(records)
+
+
+@app.command(
+    epilog="Example:  [bold]defray sweep harness/paper/sweeps.toml --tier smoke --out results/out[/bold]"
+)
+def sweep(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.toml", help="Sweep file; see harness/paper/sweeps.toml.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the records; made if it is not there.")],
+    tier: Annotated[str, typer.Option(help="Which part of the file to run: smoke, paper or full.")] = "paper",
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a sweep that was stopped; finished runs are kept.")
+    ] = False,
+    device: DeviceOption = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the order of the runs; drawn and recorded by default.")
+    ] = None,
+) -> None:
+    """Run all measurements of a tier, storing each at once; a stopped sweep resumes with --resume."""
+    from harness.sweep import SweepRequest, run_sweep
+
+    raise typer.Exit(run_sweep(SweepRequest(file, tier, out, resume, device, seed)))
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a sweep, with its records.jsonl.")],
+) -> None:
+    """Draw figures and tables of a sweep's records and write report.html; prints where it is."""
+    from harness.report import write_report
+
+    if not (folder / "records.jsonl").is_file():
+        raise DefrayError(
+            f"{folder} has no records.jsonl; run a sweep first: defray sweep FILE --out {folder}"
+        )
+    typer.echo(write_report(folder))
+
+
+def _common(rays: str, kind: str, seed: int, view: str | None, repetitions: int, check: str) -> dict:
+    """Checked fields that all runs of one command share."""
+    from harness.errors import known
+    from harness.plan import parse_count
+
+    checks = ("embree", "exact", "none")
+    if check not in checks:
+        raise known("check", check, checks)
+    count = parse_count(rays)
+    return {
+        "rays": count,
+        "kind": kind,
+        "seed": seed,
+        "view": view,
+        "repetitions": repetitions,
+        "check": check,
+    }
+
+
+def _measure(specs: list, device_part: str | None) -> list[dict]:
+    """Finished records of one group, in the order of `specs`; progress goes to standard error."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    from harness.device import open_device
+    from harness.pipeline import run_group
+    from harness.plan import spec_of
+    from harness.progress import run_name
+    from harness.record import finish
+
+    console = Console(stderr=True)
+    waiting, done = list(specs), {}
+    device = open_device(device_part)
+    with console.status("starting") as status:
+
+        def progress(step) -> None:
+            what = run_name(step.spec) if step.spec else specs[0].scene
+            status.update(f"{escape(what)}: {escape(step.stage)} ({step.done:.0%})")
+
+        for body in run_group(specs, device, progress):
+            spec = spec_of(body, waiting)
+            waiting.remove(spec)
+            done[spec.id] = finish(body, spec, device)
+    return [done[spec.id] for spec in specs]
+
+
+def _print_json(value) -> None:
+    typer.echo(json_module.dumps(value, allow_nan=False, ensure_ascii=False))
+
+
+def _print_table(table) -> None:
+    from rich.console import Console
+
+    console = Console()
+    # Cut columns would make a piped table useless, and a pipe has no width.
+    console.print(table, width=None if console.is_terminal else 140)
+
+
+def _exit_by_checks(records: list[dict]) -> None:
+    """Exit 1, with a line on standard error, when a check failed."""
+    failed = [record for record in records if not record["valid"]]
+    if failed:
+        from harness.progress import disagreement
+
+        for record in failed:
+            name = f"{record['scene']['name']} {record['tracer']}:{record['intersector'] or ''}".rstrip(":")
+            _print_error(f"check failed: {name}: {disagreement(record['agreement'])}; no rate is reported")
+        raise typer.Exit(1)
+
+
+def _print_error(message: str) -> None:
+    red, plain = (
+        ("\033[31m", "\033[0m") if sys.stderr.isatty() and not os.environ.get("NO_COLOR") else ("", "")
+    )
+    print(f"{red}error:{plain} {message}", file=sys.stderr)
+
+
+def main() -> None:
+    """Entry point of `defray`: errors become one line on standard error and a non-zero exit code."""
+    try:
+        app(prog_name="defray")
+    except DefrayError as error:
+        _print_error(str(error))
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except Exception as error:
+        if os.environ.get("DEFRAY_TRACEBACK"):
+            raise
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        _print_error(f"{text[:300]} (a fault in defray; DEFRAY_TRACEBACK=1 shows where)")
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Plans and published figures: `sweeps.toml`, `claims.toml`, `published.toml`."""

@@ -1,0 +1,224 @@
+"""Plans: counts, grids and variants as people write them, and tiers of a TOML file as lists of runs."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from harness.data import GridSpec
+from harness.errors import DefrayError, known
+from harness.record import first_problem
+from harness.spec import RAY_KINDS, Check, RunSpec, Variant
+
+READINGS = ("total", "per-cell")
+WITHOUT_GRID = ("brute", "embree")
+WITHOUT_INTERSECTOR = ("embree",)
+UNITS = {"": 1, "k": 1_000, "M": 1_000_000, "G": 1_000_000_000}
+
+
+def parse_count(text: str | int) -> int:
+    """`64k`, `1M`, `2.5M`, `1_000_000` or a number as an integer; decimal units: 1M is 1,000,000."""
+    match = re.fullmatch(
+        r"([0-9]+(?:\.[0-9]+)?)([kKmMgG]?)", str(text).strip().replace("_", "").replace(",", "")
+    )
+    if not match:
+        raise DefrayError(f"'{text}' is not a count; write 64k, 1M or 1000000")
+    unit = "k" if match[2] in "kK" and match[2] else match[2].upper()
+    count = round(float(match[1]) * UNITS[unit]) if "." in match[1] else int(match[1]) * UNITS[unit]
+    if count <= 0:
+        raise DefrayError(f"a count must be above zero, not '{text}'")
+    return count
+
+
+def parse_grid(text: str) -> GridSpec:
+    """`8/128` or `8/128 per-cell` as a checked GridSpec."""
+    match = re.fullmatch(r"(\d+)/(\d+)(?:\s+([a-z-]+))?", text.strip())
+    if not match:
+        raise DefrayError(f"'{text}' is not a grid; write top/leaf and a reading, as in '8/128 total'")
+    return check_grid(GridSpec(int(match[1]), int(match[2]), match[3] or "total"))
+
+
+def check_grid(grid: GridSpec) -> GridSpec:
+    """`grid` itself; raises DefrayError for an unknown reading or a leaf resolution that does not fit."""
+    if grid.reading not in READINGS:
+        raise known("reading", grid.reading, READINGS)
+    if grid.top <= 0 or grid.leaf <= 0:
+        raise DefrayError(f"a grid needs at least one cell per axis, not {grid.top}/{grid.leaf}")
+    if grid.reading == "total" and grid.leaf % grid.top:
+        below, above = grid.leaf // grid.top * grid.top, (grid.leaf // grid.top + 1) * grid.top
+        fitting = f"{below} or {above}" if below else str(above)
+        raise DefrayError(
+            f"leaf {grid.leaf} is not a multiple of top {grid.top}, as reading 'total' needs; {fitting} would do"
+        )
+    return grid
+
+
+def check_variant(variant: Variant) -> Variant:
+    """`variant` with tracer and intersector known; a missing intersector becomes ray-space."""
+    from harness import intersectors, tracers
+
+    if variant.tracer not in tracers.names():
+        raise known("tracer", variant.tracer, tracers.names())
+    if variant.tracer in WITHOUT_INTERSECTOR:
+        if variant.intersector:
+            raise DefrayError(
+                f"tracer '{variant.tracer}' has its own intersector; leave '{variant.intersector}' out"
+            )
+        return variant
+    intersector = variant.intersector or "ray-space"
+    if intersector not in intersectors.INTERSECTORS:
+        raise known("intersector", intersector, intersectors.INTERSECTORS)
+    return variant.model_copy(update={"intersector": intersector})
+
+
+def make_spec(scene: str, variant: Variant, **fields: Any) -> RunSpec:
+    """A checked RunSpec; raises DefrayError for anything that could not run whatever the scene."""
+    kind, ray_file = fields.get("kind", "diffuse"), fields.get("ray_file")
+    if kind not in RAY_KINDS:
+        raise known("kind of rays", kind, RAY_KINDS)
+    if (kind == "file") != (ray_file is not None):
+        raise DefrayError("rays of kind 'file' need a ray file, and a ray file needs kind 'file'")
+    if ray_file is not None and not Path(ray_file).is_file():
+        raise DefrayError(f"no ray file '{ray_file}'")
+    if fields.get("grid") is None and variant.tracer not in WITHOUT_GRID:
+        raise DefrayError(f"tracer '{variant.tracer}' needs a grid")
+    try:
+        return RunSpec(scene=scene, variant=check_variant(variant), **fields)
+    except ValidationError as error:
+        raise DefrayError(first_problem(error)) from None
+
+
+def interleaved(
+    scene: str, variants: Sequence[Variant], grids: Sequence[GridSpec], **fields: Any
+) -> Iterable[RunSpec]:
+    """Specs of all variants on all grids.
+
+    A tracer without a grid is measured once, beside the first grid's runs: it belongs to their group, so
+    that its repetitions interleave with theirs and ratios to it are paired.
+    """
+    for variant in variants:
+        places = grids[:1] if variant.tracer in WITHOUT_GRID else grids
+        for grid in places or [None]:
+            yield make_spec(scene, variant, grid=grid, **fields)
+
+
+def spec_of(body: dict, specs: Sequence[RunSpec]) -> RunSpec:
+    """The run of a group that `body`, as the pipeline yields it, belongs to.
+
+    The body's options may name defaults that the spec leaves out, so the closest spec that does not
+    contradict it is taken. Raises DefrayError when there is none.
+    """
+
+    def fits(spec: RunSpec) -> bool:
+        variant = spec.variant
+        names = (variant.tracer, variant.intersector) == (body["tracer"], body["intersector"])
+        return names and variant.options.items() <= body["options"].items()
+
+    fitting = [spec for spec in specs if fits(spec)]
+    if not fitting:
+        raise DefrayError(f"the pipeline returned a run that was not asked for: {body['tracer']}")
+    told_apart = (len(body["samples"]["total"]), body["agreement"]["reference"])
+    return max(fitting, key=lambda s: (len(s.variant.options), (s.repetitions, s.check) == told_apart))
+
+
+# ---------------------------------------------------------------- tiers in a TOML file
+
+_listed = BeforeValidator(lambda value: value if isinstance(value, list) else [value])
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class SweepEntry(_Strict):
+    """One sweep: the product of all its lists. A single value may stand for a list of one."""
+
+    name: str
+    scenes: Annotated[list[str], _listed]
+    grids: Annotated[list[str], _listed] = Field(default_factory=list)
+    variants: Annotated[list[str], _listed]
+    kinds: Annotated[list[str], _listed] = Field(default_factory=lambda: ["diffuse"])
+    rays: Annotated[list[str | int], _listed] = Field(default_factory=lambda: ["1M"])
+    seeds: Annotated[list[int], _listed] = Field(default_factory=lambda: [1])
+    views: Annotated[list[str], _listed] = Field(default_factory=list)
+    repetitions: int = Field(default=3, gt=0)
+    check: Check = "embree"
+
+    def specs(self) -> list[RunSpec]:
+        """All runs of the product, in the order of the lists."""
+        variants = [Variant.parse(text) for text in self.variants]
+        grids = [parse_grid(text) for text in self.grids]
+        made: list[RunSpec] = []
+        for scene, kind, rays, seed, view in product(
+            self.scenes, self.kinds, self.rays, self.seeds, self.views or [None]
+        ):
+            common = {"kind": kind, "rays": parse_count(rays), "seed": seed, "view": view}
+            common |= {"repetitions": self.repetitions, "check": self.check}
+            made += interleaved(scene, variants, grids, **common)
+        return made
+
+
+class Tier(_Strict):
+    """Sweeps that are run together; `include` takes over those of other tiers of the file."""
+
+    about: str
+    include: list[str] = Field(default_factory=list)
+    sweeps: list[SweepEntry] = Field(default_factory=list)
+
+
+class SweepFile(_Strict):
+    """A whole sweep file: tiers by name."""
+
+    tiers: dict[str, Tier]
+
+
+def read_sweep_file(path: Path | str) -> SweepFile:
+    """Read and validate a sweep file; raises DefrayError naming the file and the bad field."""
+    try:
+        with open(path, "rb") as file:
+            return SweepFile.model_validate(tomllib.load(file))
+    except OSError as error:
+        raise DefrayError(f"cannot read {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise DefrayError(f"{path}: not TOML: {error}") from None
+    except ValidationError as error:
+        raise DefrayError(f"{path}: {first_problem(error)}") from None
+
+
+def expand(path: Path | str, tier: str) -> list[RunSpec]:
+    """All different runs of a tier and the tiers it includes, in the file's order."""
+    file = read_sweep_file(path)
+    runs: dict[str, RunSpec] = {}
+    for name in _with_included(file, tier, path):
+        for entry in file.tiers[name].sweeps:
+            try:
+                runs |= {spec.id: spec for spec in entry.specs() if spec.id not in runs}
+            except DefrayError as error:
+                raise DefrayError(f"{path}: tier {name}, sweep '{entry.name}': {error}") from None
+    if not runs:
+        raise DefrayError(f"{path}: tier '{tier}' has no runs")
+    return list(runs.values())
+
+
+def _with_included(file: SweepFile, tier: str, path: Path | str) -> list[str]:
+    """`tier` after all tiers that it includes, each once."""
+    order: list[str] = []
+
+    def visit(name: str, above: tuple[str, ...]) -> None:
+        if name not in file.tiers:
+            raise DefrayError(f"{path}: {known('tier', name, file.tiers)}")
+        if name in above:
+            raise DefrayError(f"{path}: tier '{name}' includes itself")
+        for included in file.tiers[name].include:
+            visit(included, (*above, name))
+        if name not in order:
+            order.append(name)
+
+    visit(tier, ())
+    return order

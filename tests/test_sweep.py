@@ -1,0 +1,461 @@
+"""Sweeps: plans, resuming after a kill, the lock, failures that must not stop the rest."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+from rich.console import Console
+from test_record import MACHINE, make_body
+
+from harness import plan, progress, sweep
+from harness.data import GridSpec
+from harness.errors import DefrayError
+from harness.record import RecordFile
+from harness.spec import RunSpec, Variant
+
+ROOT = Path(__file__).resolve().parent.parent
+TIER = """
+[tiers.small]
+about = "a test"
+[[tiers.small.sweeps]]
+name = "one"
+scenes = ["sponza", "conference"]
+grids = ["8/32", "8/64"]
+rays = "64k"
+variants = ["deferred:ray-space", "deferred:ray-space:wave=8", "embree"]
+repetitions = 2
+"""
+
+
+# ---------------------------------------------------------------- a fake pipeline
+
+
+def body_of(spec: RunSpec, valid: bool = True) -> dict:
+    """What the pipeline would yield for `spec`; options are completed with defaults, as tracers may do."""
+    body = make_body()
+    options = {"wave": "4", **spec.variant.options} if spec.variant.tracer == "deferred" else {}
+    body |= {"tracer": spec.variant.tracer, "intersector": spec.variant.intersector, "options": options}
+    body["scene"]["name"] = spec.scene
+    body["samples"]["total"] = [0.1] * spec.repetitions
+    if not valid:
+        body |= {"valid": False, "rate": {"traverse": None, "intersect": None, "total": None}}
+        body["agreement"]["missed"] = 3
+    return body
+
+
+def fake_run_group(specs, device, report=None):
+    """Yield a body per spec, last one first."""
+    for number, spec in enumerate(reversed(specs)):
+        report(SimpleNamespace(spec=spec, stage="repetition 1 of 2", done=number / len(specs)))
+        yield body_of(spec)
+
+
+def install_fakes(monkeypatch, run_group=fake_run_group) -> None:
+    """Put fakes in place of the pipeline, the device and the scenes."""
+    replaced = {
+        "pipeline": {"run_group": run_group},
+        "device": {"open_device": lambda part: None, "machine_description": lambda device: dict(MACHINE)},
+        "scene": {"list_scenes": list},
+        "tracers": {"names": lambda: ["brute", "deferred", "embree", "forward", "work-optimal"]},
+    }
+    for name, values in replaced.items():
+        module = ModuleType(f"harness.{name}")
+        module.__dict__.update(values)
+        monkeypatch.setitem(sys.modules, f"harness.{name}", module)
+        monkeypatch.setattr(f"harness.{name}", module, raising=False)
+
+
+@pytest.fixture
+def fakes(monkeypatch):
+    install_fakes(monkeypatch)
+    return lambda run_group: install_fakes(monkeypatch, run_group)
+
+
+@pytest.fixture
+def request_(tmp_path):
+    file = tmp_path / "tiers.toml"
+    file.write_text(TIER)
+    return sweep.SweepRequest(file, "small", tmp_path / "out", seed=5)
+
+
+def start(request, **changes) -> tuple[int, str]:
+    """Run a sweep; exit code and what it printed."""
+    for key, value in changes.items():
+        setattr(request, key, value)
+    with open(request.file.with_name("printed"), "w+") as printed:
+        code = sweep.run_sweep(request, Console(file=printed))
+        printed.seek(0)
+        return code, printed.read()
+
+
+def ids_on_file(request) -> list[str]:
+    return [record["id"] for record in RecordFile(request.out / "records.jsonl").read()]
+
+
+# ---------------------------------------------------------------- plans
+
+
+@pytest.mark.parametrize(
+    ("text", "count"), [("64k", 64_000), ("1M", 1_000_000), ("2.5m", 2_500_000), ("1_000", 1000), (7, 7)]
+)
+def test_counts(text, count):
+    assert plan.parse_count(text) == count
+
+
+@pytest.mark.parametrize("text", ["", "0", "-1", "1X", "M", "0k", "1e6", "0.1", 0])
+def test_bad_counts(text):
+    with pytest.raises(DefrayError, match="count"):
+        plan.parse_count(text)
+
+
+def test_grids():
+    assert plan.parse_grid("8/128") == GridSpec(8, 128, "total")
+    assert plan.parse_grid("8/128 per-cell") == plan.parse_grid(str(GridSpec(8, 128, "per-cell")))
+    assert plan.parse_grid("8/12 per-cell").leaf == 12
+    with pytest.raises(DefrayError, match=r"leaf 100 is not a multiple of top 8.*96 or 104 would do"):
+        plan.parse_grid("8/100")
+    with pytest.raises(DefrayError, match=r"needs; 8 would do"):
+        plan.parse_grid("8/5")
+    with pytest.raises(DefrayError, match="unknown reading 'each'; known: per-cell, total"):
+        plan.parse_grid("8/128 each")
+    with pytest.raises(DefrayError, match="not a grid"):
+        plan.parse_grid("128")
+    with pytest.raises(DefrayError, match="at least one cell"):
+        plan.parse_grid("0/8")
+
+
+def test_the_product_is_expanded_and_gridless_tracers_run_beside_the_first_grid(fakes, request_):
+    specs = plan.expand(request_.file, "small")
+    assert len(specs) == 2 * (2 * 2 + 1)
+    assert {spec.grid.leaf for spec in specs if spec.variant.tracer == "embree"} == {32}
+    assert {spec.rays for spec in specs} == {64_000}
+    groups = sweep.shuffled_groups(specs, 1)
+    assert sorted(len(group) for group in groups) == [2, 2, 3, 3]
+    assert all(len({spec.group for spec in group}) == 1 for group in groups)
+
+
+def test_the_order_is_that_of_the_seed(fakes, request_):
+    specs = plan.expand(request_.file, "small")
+    assert sweep.shuffled_groups(specs, 1) == sweep.shuffled_groups(specs, 1)
+    assert len({str(sweep.shuffled_groups(specs, seed)) for seed in range(8)}) > 1
+
+
+def test_tiers_include_others_and_runs_stand_once(fakes, tmp_path):
+    file = tmp_path / "a.toml"
+    file.write_text(
+        TIER + TIER.replace("small", "large").replace('"a test"', '"a test"\ninclude = ["small"]')
+    )
+    assert len(plan.expand(file, "large")) == len(plan.expand(file, "small"))
+    file.write_text(TIER.replace('"a test"', '"a test"\ninclude = ["small"]'))
+    with pytest.raises(DefrayError, match="tier 'small' includes itself"):
+        plan.expand(file, "small")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "variants =",
+            "varients =",
+            r"tiers.toml: tiers.small.sweeps.0.variants: missing key \(and 1 more\)",
+        ),
+        ("repetitions = 2", "repeat = 2", "tiers.toml: tiers.small.sweeps.0.repeat: unknown key"),
+        ("repetitions = 2", "repetitions = 0", "sweeps.0.repetitions: input should be greater than 0"),
+        ("repetitions = 2", 'check = "twice"', "sweeps.0.check: input should be 'embree'"),
+        (
+            "deferred:ray-space:wave=8",
+            "deferd:ray-space",
+            "sweep 'one': unknown tracer 'deferd'; known: brute",
+        ),
+        ("deferred:ray-space:wave=8", "deferred:ray", "unknown intersector 'ray'; known: moller-trumbore"),
+        ("deferred:ray-space:wave=8", "deferred:ray-space:wave", "'wave'.*not of the form option=value"),
+        ('"embree"', '"embree:ray-space"', "tracer 'embree' has its own intersector"),
+        ("8/32", "8/33", "leaf 33 is not a multiple of top 8"),
+        ("64k", "many", "'many' is not a count"),
+        ("repetitions = 2", 'kinds = "soft"', "unknown kind of rays 'soft'"),
+        ('grids = ["8/32", "8/64"]', "", "tracer 'deferred' needs a grid"),
+        ("[tiers.small]", "[tiers.small", "tiers.toml: not TOML"),
+        ("small", "other", "unknown tier 'small'; known: other"),
+    ],
+)
+def test_mistakes_in_a_sweep_file_name_file_and_field(fakes, request_, old, new, message):
+    request_.file.write_text(TIER.replace(old, new))
+    with pytest.raises(DefrayError, match=message) as caught:
+        plan.expand(request_.file, "small")
+    assert "tiers.toml" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_the_projects_own_tiers_expand(fakes):
+    file = ROOT / "harness/paper/sweeps.toml"
+    sizes = [len(plan.expand(file, tier)) for tier in ("smoke", "paper", "full")]
+    assert sizes[0] < sizes[1] < sizes[2]
+    smoke = plan.expand(file, "smoke")
+    assert {spec.variant.tracer for spec in smoke} == {
+        "brute",
+        "deferred",
+        "embree",
+        "forward",
+        "work-optimal",
+    }
+    assert {spec.scene for spec in smoke} == {"sponza", "conference"}
+
+
+def test_a_body_finds_its_run(fakes):
+    variants = [Variant.parse(text) for text in ("deferred", "deferred:ray-space:wave=8", "embree")]
+    specs = list(plan.interleaved("sponza", variants, [GridSpec()]))
+    for spec in specs:
+        assert plan.spec_of(body_of(spec), specs) is spec
+    with pytest.raises(DefrayError, match="not asked for: forward"):
+        plan.spec_of({**body_of(specs[0]), "tracer": "forward"}, specs)
+
+
+# ---------------------------------------------------------------- running and resuming
+
+
+def test_a_whole_sweep(fakes, request_):
+    code, printed = start(request_)
+    assert code == 0
+    assert sorted(ids_on_file(request_)) == sorted(spec.id for spec in plan.expand(request_.file, "small"))
+    lines = printed.splitlines()
+    assert len(lines) == 11 and lines[0].startswith("[ 1/10] ") and lines[0].endswith("1 Mrays/s valid")
+    assert lines[-1].startswith("10 runs: 10 valid; records in ")
+    header = json.loads((request_.out / "sweep.json").read_text())
+    assert (header["seed"], header["tier"], header["runs"]) == (5, "small", 10)
+    assert json.loads((request_.out / "env.json").read_text()) == MACHINE
+
+
+def test_a_folder_with_records_needs_resume(fakes, request_):
+    start(request_)
+    with pytest.raises(DefrayError, match="already has records; pass --resume"):
+        start(request_)
+    code, printed = start(request_, resume=True, seed=None)
+    assert code == 0 and printed.startswith("10 runs: 10 valid") and len(ids_on_file(request_)) == 10
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"device": "other"}, "was started with device None, not other"),
+        ({"seed": 6}, "was started with seed 5, not 6"),
+        ({"text": TIER.replace("64k", "65k")}, "was started with a list of runs"),
+        ({"text": TIER.replace("small", "large"), "tier": "large"}, "was started with tier small, not large"),
+    ],
+)
+def test_resuming_another_sweep_is_refused(fakes, request_, changes, message):
+    start(request_)
+    request_.file.write_text(changes.pop("text", TIER))
+    with pytest.raises(DefrayError, match=message):
+        start(request_, resume=True, **changes)
+
+
+def test_resuming_on_another_machine_is_refused(fakes, request_):
+    start(request_)
+    file = request_.out / "records.jsonl"
+    file.write_text("".join(file.read_text().splitlines(keepends=True)[:4]))
+    environment = {**MACHINE, "device": "another"}
+    (request_.out / "env.json").write_text(json.dumps(environment))
+    with pytest.raises(DefrayError, match="measured on device 'another', this is 'a device'"):
+        start(request_, resume=True)
+
+
+def test_a_torn_record_is_measured_again(fakes, request_):
+    start(request_)
+    file = request_.out / "records.jsonl"
+    file.write_bytes(file.read_bytes()[:-100])
+    code, printed = start(request_, resume=True)
+    assert code == 0 and "warning:" in printed and "moved it to records.jsonl.broken" in printed
+    assert len(ids_on_file(request_)) == len(set(ids_on_file(request_))) == 10
+
+
+def test_a_failed_check_is_stored_and_the_sweep_goes_on(fakes, request_):
+    def one_wrong(specs, device, report=None):
+        for spec in specs:
+            yield body_of(spec, valid=not (spec.scene == "sponza" and spec.variant.tracer == "embree"))
+
+    fakes(one_wrong)
+    code, printed = start(request_)
+    assert code == 1 and len(ids_on_file(request_)) == 10
+    assert printed.count("check failed: 3 missed against embree, no rate") == 1
+    assert "10 runs: 9 valid, 1 failed the check and have no rate" in printed
+    assert start(request_, resume=True)[0] == 1, "a resumed sweep must not forget the failure"
+
+
+@pytest.mark.parametrize("error", [DefrayError("grid needs 20 GiB"), RuntimeError("out of\nresources")])
+def test_an_error_in_one_run_costs_only_that_run(fakes, request_, error):
+    def one_breaks(specs, device, report=None):
+        for spec in specs:
+            report(SimpleNamespace(spec=spec, stage="warm-up", done=0.0))
+            if spec.scene == "sponza" and spec.variant.options:
+                raise error
+            yield body_of(spec)
+
+    fakes(one_breaks)
+    code, printed = start(request_)
+    assert code == 1 and len(ids_on_file(request_)) == len(set(ids_on_file(request_))) == 8
+    assert "2 could not run" in printed and len(printed.splitlines()) == 11
+    stored = [json.loads(line) for line in (request_.out / "errors.jsonl").read_text().splitlines()]
+    assert {entry["spec"]["scene"] for entry in stored} == {"sponza"}
+    assert all(str(error).split("\n")[0] in entry["error"] for entry in stored)
+    fakes(fake_run_group)
+    assert start(request_, resume=True)[0] == 0 and len(ids_on_file(request_)) == 10
+
+
+def test_an_error_of_the_group_fails_all_its_runs(fakes, request_):
+    def no_grid(specs, device, report=None):
+        report(SimpleNamespace(spec=None, stage="building grid", done=0.0))
+        if specs[0].grid.leaf == 64:
+            raise DefrayError("grid needs 20 GiB")
+        yield from fake_run_group(specs, device, report)
+
+    fakes(no_grid)
+    code, printed = start(request_)
+    assert code == 1 and len(ids_on_file(request_)) == 6
+    assert printed.count("error: grid needs 20 GiB") == 4
+
+
+def test_an_unwritable_folder_is_one_line(fakes, request_):
+    blocked = request_.out.with_name("a-file")
+    blocked.write_text("")
+    with pytest.raises(DefrayError, match=r"cannot write to .*a-file"):
+        start(request_, out=blocked / "out")
+
+
+# ---------------------------------------------------------------- kills, in a process of its own
+
+SLOW_SWEEP = """
+    import sys, time
+    sys.path[:0] = [{root!r}, {tests!r}]
+    import pytest
+    from test_sweep import fake_run_group, install_fakes
+    from pathlib import Path
+    from harness import sweep
+    from harness.errors import DefrayError
+
+    def slow(specs, device, report):
+        for body in fake_run_group(specs, device, report):
+            time.sleep(0.1)
+            yield body
+
+    install_fakes(pytest.MonkeyPatch(), slow)
+    try:
+        sys.exit(sweep.run_sweep(sweep.SweepRequest(Path({file!r}), "small", Path({out!r}), {resume})))
+    except DefrayError as error:
+        sys.exit(f"error: {{error}}")
+"""
+
+
+def spawn(request, resume=False) -> subprocess.Popen:
+    code = textwrap.dedent(SLOW_SWEEP).format(
+        root=str(ROOT), tests=str(ROOT / "tests"), file=str(request.file), out=str(request.out), resume=resume
+    )
+    return subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
+
+
+def wait_for_records(request, count: int, process: subprocess.Popen) -> None:
+    """Until `count` records are on file; fails when the process ends before."""
+    deadline = time.monotonic() + 60
+    file = request.out / "records.jsonl"
+    while not (file.exists() and file.read_bytes().count(b"\n") >= count):
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_kill_then_resume_loses_and_repeats_nothing(fakes, request_):
+    wanted = 0
+    for attempt in range(3):
+        wanted += 2
+        with spawn(request_, resume=attempt > 0) as process:
+            wait_for_records(request_, wanted, process)
+            before = ids_on_file(request_)
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+        assert ids_on_file(request_)[: len(before)] == before
+    with open(request_.out / "records.jsonl", "ab") as file:
+        file.write(b'{"schema": 1, "id": "to')  # what a kill inside the write leaves
+    with spawn(request_, resume=True) as process:
+        assert process.wait(60) == 0, process.stderr.read()
+    assert sorted(ids_on_file(request_)) == sorted(spec.id for spec in plan.expand(request_.file, "small"))
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_stopping_says_how_to_resume(fakes, request_, number, code):
+    with spawn(request_) as process:
+        wait_for_records(request_, 2, process)
+        process.send_signal(number)
+        assert process.wait(60) == code
+        printed = process.stderr.read()
+    stored = len(ids_on_file(request_))
+    last = printed.splitlines()[-1]
+    assert last.startswith(f"stopped after {stored} of 10 runs; go on with: defray sweep ")
+    assert last.endswith("--resume") and "Traceback" not in printed
+
+
+def test_a_second_start_at_the_same_time_is_refused(fakes, request_):
+    with spawn(request_) as process:
+        wait_for_records(request_, 1, process)
+        with pytest.raises(DefrayError, match="another sweep is writing to"):
+            start(request_, resume=True)
+        process.kill()
+    assert start(request_, resume=True, seed=None)[0] == 0, "a killed sweep must not keep its lock"
+
+
+# ---------------------------------------------------------------- the time left
+
+
+def spec_on(scene: str, tracer: str = "deferred:ray-space", rays: int = 1_000_000) -> RunSpec:
+    return RunSpec(scene=scene, variant=Variant.parse(tracer), grid=GridSpec(), rays=rays)
+
+
+def test_time_left_learns_from_measured_groups():
+    time_left = progress.TimeLeft({"small": 100_000, "large": 5_000_000})
+    small, large = [spec_on("small")], [spec_on("large")]
+    assert time_left.predict(large) > 3 * time_left.predict(small), "not a plain mean"
+    time_left.measured(small, 10 * time_left.guess(small))
+    assert time_left.predict(large) == pytest.approx(10 * time_left.guess(large))
+    time_left.measured(large, 30 * time_left.guess(large))
+    assert 20 < time_left.predict(large) / time_left.guess(large) < 30, "the same scene weighs more"
+
+
+def test_time_left_falls_while_a_group_runs():
+    time_left = progress.TimeLeft({})
+    group, waiting = [spec_on("a")], [[spec_on("b")]]
+    whole = time_left.predict(group)
+    steps = [time_left.left(group, share * whole, share, waiting) for share in (0.0, 0.3, 0.6, 0.9)]
+    assert steps == sorted(steps, reverse=True)
+    assert steps[0] == pytest.approx(whole + time_left.predict(waiting[0]))
+    assert time_left.left(group, 3 * whole, 0.0, []) > 0, "an overdue group is not free"
+
+
+def test_cost_model_orders_tracers():
+    brute = progress.guessed_seconds(spec_on("a", "brute:ray-space"), 300_000)
+    embree = progress.guessed_seconds(spec_on("a", "embree"), 300_000)
+    assert brute > 50 * progress.guessed_seconds(spec_on("a"), 300_000) > 50 * embree
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(3, "10 s"), (44, "40 s"), (130, "2 min"), (4000, "67 min"), (9000, "2.5 h")]
+)
+def test_time_left_has_no_false_digits(seconds, text):
+    assert progress.about(seconds) == f"about {text} left"
+
+
+def test_the_bar_shows_on_a_terminal(fakes, request_, tmp_path):
+    with open(tmp_path / "terminal", "w+") as printed:
+        console = Console(file=printed, force_terminal=True, width=120)
+        assert sweep.run_sweep(request_, console) == 0
+        printed.seek(0)
+        text = printed.read()
+    assert "left" in text and "10 runs: 10 valid" in text
+
+
+def test_progress_imports_no_opencl():
+    code = "import sys, harness.sweep; sys.exit('pyopencl' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False, cwd=ROOT, env=os.environ).returncode == 0
