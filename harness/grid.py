@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import time
 from dataclasses import dataclass
 
@@ -67,10 +68,9 @@ class Grid:
         return walk_defines(self.spec)
 
     @property
-    def bytes(self) -> dict[str, int]:
-        """Bytes of each array."""
-        arrays = ("top_block", "bricks", "cell_start", "references")
-        return {name: int(getattr(self, name).nbytes) for name in arrays}
+    def bytes(self) -> int:
+        """Bytes of all arrays."""
+        return sum(array.nbytes for array in (self.top_block, self.bricks, self.cell_start, self.references))
 
     def describe(self) -> dict:
         """The `grid` part of a record."""
@@ -96,6 +96,15 @@ def walk_defines(spec: GridSpec) -> dict[str, int]:
     return {"TOP": spec.top, "LEAF_PER_TOP": spec.leaf_per_top}
 
 
+def auto_spec(triangles: int) -> GridSpec:
+    """A total resolution for a scene of that many triangles: the power of two nearest to cbrt(5 N) an axis.
+
+    5 cells a triangle is the density of Kalojanov & Slusallek 2009 for one uniform level.
+    """
+    leaf = 2 ** max(3, round(math.log2(max(triangles, 1) * 5) / 3))
+    return GridSpec(top=8, leaf=min(leaf, 1024), reading="total")
+
+
 def check_spec(spec: GridSpec) -> None:
     """Raise DefrayError for a resolution that makes no grid."""
     if spec.reading not in ("total", "per-cell"):
@@ -111,9 +120,12 @@ def check_spec(spec: GridSpec) -> None:
         raise DefrayError(f"grid {spec} has {spec.resolution} leaf cells an axis; at most {MAX_RESOLUTION}")
 
 
-def upload_scene(device: Device, triangles: np.ndarray) -> DeviceScene:
-    """Copy triangles float32[n,3,3] to the device; zero-area ones stay in the numbering but not active."""
-    active = np.flatnonzero(~zero_area(triangles)).astype(np.int32)
+def upload_scene(device: Device, triangles: np.ndarray, active: np.ndarray | None = None) -> DeviceScene:
+    """Copy triangles float32[n,3,3] to the device; zero-area ones stay in the numbering but are not active.
+
+    `active`: bool[n], the triangles that have an area, where it is known already.
+    """
+    active = np.flatnonzero(~zero_area(triangles) if active is None else active).astype(np.int32)
     if not len(active):
         raise DefrayError("the scene has no triangle with an area")
     if triangles.nbytes > device.max_allocation_bytes:

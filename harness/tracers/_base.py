@@ -46,9 +46,9 @@ class Setting:
     grid: Grid | None = None
 
     @classmethod
-    def on_device(cls, scene: Scene, device: Device) -> Setting:
-        """The scene uploaded, without a grid."""
-        return cls(scene, device, upload_scene(device, scene.triangles))
+    def on_device(cls, scene: Scene, device: Device, active: np.ndarray | None = None) -> Setting:
+        """The scene uploaded, without a grid; `active` bool[n] saves looking for zero-area triangles."""
+        return cls(scene, device, upload_scene(device, scene.triangles, active))
 
 
 class Tracer(ABC):
@@ -58,6 +58,7 @@ class Tracer(ABC):
     needs_device: ClassVar[bool] = True
     needs_grid: ClassVar[bool] = False
     needs_intersector: ClassVar[bool] = True
+    repeatable: ClassVar[bool] = True  # whether every repetition must give the same bits
     Options: ClassVar[type[Options]] = DeviceOptions
 
     def __init__(self, setting: Setting, intersector: Intersector | None, options: dict[str, str]):

@@ -1,0 +1,192 @@
+"""Measuring a group of runs: what they share, warm-up, interleaved repetitions, checks, record bodies."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from harness import intersectors, stats, tracers
+from harness.check import Agreement, Checker
+from harness.data import STAGES, Counters, Hits, Rays, Samples, Scene
+from harness.embree import EmbreeScene
+from harness.exact import zero_area
+from harness.grid import build_grid
+from harness.rays import make_rays
+from harness.scene import load_scene
+from harness.spec import RunSpec
+from harness.stopwatch import Stopwatch
+from harness.tracers._base import Setting, Tracer
+
+KEPT_SCENES = 1  # scenes that stay in memory between groups
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a group is doing: the run (None while the shared parts are prepared), the stage, and how far it is."""
+
+    spec: RunSpec | None
+    stage: str
+    done: float
+
+
+@dataclass(eq=False)
+class Run:
+    """One variant of a group and what it has yielded so far."""
+
+    spec: RunSpec
+    tracer: Tracer
+    samples: Samples = field(default_factory=Samples)
+    hits: Hits | None = None
+    unstable: int = 0  # rays whose hits changed from one repetition to the next
+    counters: Counters = field(default_factory=Counters)
+
+
+class Group:
+    """Scene, rays and grid of a group of runs; raises DefrayError for whatever cannot be loaded or built."""
+
+    def __init__(self, specs: Sequence[RunSpec], device, progress: Callable[[Progress], None]):
+        self.specs, self.device, self._progress = specs, device, progress
+        first = specs[0]
+        self.tell(None, "loading scene", 0.0)
+        self.shared = shared_scene(first.scene, device)
+        self.tell(None, "rays", 0.05)
+        self.rays = self.shared.rays(first)
+        self.tell(None, "building grid", 0.1)
+        self.setting = self.shared.setting
+        if any(tracers.find(spec.variant.tracer).needs_grid for spec in specs):
+            self.setting = dataclasses.replace(
+                self.setting, grid=build_grid(self.shared.setting.device_scene, first.grid)
+            )
+        self.seed = int(first.id, 16)
+
+    def tell(self, spec: RunSpec | None, stage: str, done: float) -> None:
+        """Report progress."""
+        self._progress(Progress(spec, stage, done))
+
+    def open_run(self, spec: RunSpec) -> Run:
+        """The tracer of one run, its options validated."""
+        kind = tracers.find(spec.variant.tracer)
+        test = intersectors.find(spec.variant.intersector or "") if kind.needs_intersector else None
+        return Run(spec, kind(self.setting, test, spec.variant.options))
+
+    def stopwatch(self, run: Run) -> Stopwatch:
+        """A new stopwatch on the run's device."""
+        return Stopwatch(self.device.queue if run.tracer.needs_device else None)
+
+    def check(self, run: Run) -> Agreement:
+        """Agreement of a run's hits with the reference; repetitions that differ make it invalid."""
+        self.tell(run.spec, "check", 0.95)
+        agreement = self.shared.checker(run.spec, self.rays).check(run.hits)
+        if run.unstable:
+            reason = f"{run.unstable} rays changed their hit from one repetition to the next"
+            agreement = dataclasses.replace(agreement, valid=False, reason=reason)
+        return agreement
+
+
+class SharedScene:
+    """A scene on the device with its Embree hierarchy, ray sets and checkers, kept from group to group."""
+
+    def __init__(self, scene: Scene, device):
+        self.scene = scene
+        self.active = ~zero_area(scene.triangles)
+        self.setting = Setting.on_device(scene, device, self.active)
+        self._rays: dict[tuple, Rays] = {}
+        self._checkers: dict[tuple, Checker] = {}
+
+    @functools.cached_property
+    def embree(self) -> EmbreeScene:
+        """Finds primary hits for the rays that start on surfaces."""
+        return EmbreeScene(self.scene.triangles)
+
+    def rays(self, spec: RunSpec) -> Rays:
+        """The ray set of a spec; the latest stays in memory."""
+        key = (spec.kind, spec.rays, spec.seed, spec.view, spec.ray_file)
+        if key not in self._rays:
+            embree = self.embree if spec.kind in ("diffuse", "ambient-occlusion") else None
+            self._rays = {key: make_rays(self.scene, *key, embree=embree)}
+            self._checkers.clear()
+        return self._rays[key]
+
+    def checker(self, spec: RunSpec, rays: Rays) -> Checker:
+        """The checker of the latest ray set: it remembers every ray settled exactly."""
+        if spec.check not in self._checkers:
+            self._checkers[spec.check] = Checker(self.scene.triangles, rays, spec.check, self.active)
+        return self._checkers[spec.check]
+
+
+@functools.lru_cache(maxsize=KEPT_SCENES)
+def shared_scene(name: str, device) -> SharedScene:
+    """Load a scene and keep it for the groups that follow."""
+    return SharedScene(load_scene(name), device)
+
+
+def warm_up(group: Group, run: Run) -> None:
+    """Compile and run every kernel once, and take the exact counts from an instrumented run."""
+    group.tell(run.spec, "warm-up", 0.15)
+    run.hits = run.tracer.trace(group.rays, group.stopwatch(run))
+    run.counters = run.tracer.count(group.rays)
+
+
+def repeat_interleaved(group: Group, runs: Sequence[Run]) -> None:
+    """Repetition after repetition, the runs of each in a random order of its own."""
+    rounds = max(run.spec.repetitions for run in runs)
+    generator = random.Random(group.seed)
+    for turn in range(rounds):
+        due = [run for run in runs if turn < run.spec.repetitions]
+        generator.shuffle(due)
+        for place, run in enumerate(due):
+            done = 0.2 + 0.75 * (turn + place / len(due)) / rounds
+            group.tell(run.spec, f"repetition {turn + 1} of {run.spec.repetitions}", done)
+            _repeat(group, run)
+
+
+def _repeat(group: Group, run: Run) -> None:
+    watch = group.stopwatch(run)
+    hits = run.tracer.trace(group.rays, watch)
+    for stage in STAGES:
+        if stage in watch.seconds:
+            getattr(run.samples, stage).append(watch.seconds[stage])
+    if run.tracer.repeatable:
+        run.unstable = max(run.unstable, differing(hits, run.hits))
+    run.hits = hits
+
+
+def differing(a: Hits, b: Hits) -> int:
+    """Rays whose t or primitive differ in any bit."""
+    return int(((a.t.view(np.int32) != b.t.view(np.int32)) | (a.primitive != b.primitive)).sum())
+
+
+def hits_hash(hits: Hits) -> str:
+    """SHA-256 of t and primitive: equal for tracers that agree bit for bit."""
+    return hashlib.sha256(hits.t.tobytes() + hits.primitive.tobytes()).hexdigest()
+
+
+def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
+    """The body of a record: everything but identity, time and machine."""
+    scene, rays, spec, tracer = group.shared.scene, group.rays, run.spec, run.tracer
+    return {
+        "scene": {
+            "name": scene.name,
+            "source": scene.source,
+            "triangles": len(scene),
+            "sha256": scene.sha256,
+        },
+        "view": spec.view or (scene.views[0].name if scene.views else None),
+        "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
+        "grid": group.setting.grid.describe() if tracer.needs_grid else None,
+        "tracer": tracer.name,
+        "intersector": run.tracer.intersector.name if run.tracer.intersector else None,
+        "options": spec.variant.options,
+        "samples": dataclasses.asdict(run.samples),
+        "rate": stats.rates(run.samples, len(rays), agreement.valid),
+        "counters": dataclasses.asdict(run.counters),
+        "agreement": agreement.to_record(),
+        "hits_sha256": hits_hash(run.hits),
+        "valid": agreement.valid,
+    }

@@ -1,0 +1,67 @@
+"""The way through the house: scene → grid → rays → trace → check → record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+from harness.data import GridSpec, Hits, Rays, Scene
+from harness.measure import Group, Progress, describe_run, repeat_interleaved, warm_up
+from harness.spec import RunSpec
+
+__all__ = ["Progress", "run_group", "trace"]
+
+
+def trace(
+    scene: Scene,
+    rays: Rays,
+    tracer: str = "deferred",
+    intersector: str = "ray-space",
+    grid: GridSpec | str = "auto",
+    device=None,
+    **options,
+) -> Hits:
+    """First hits of `rays` in `scene`.
+
+    `grid` is a GridSpec, or `auto` for `grid.auto_spec`. `device` is an opened Device, a part of a device's name,
+    or None for the default. `options` are the tracer's. Raises DefrayError for unknown names, bad rays, a grid
+    that does not fit, or no device.
+    """
+    from harness import tracers
+    from harness.device import Device, open_device
+    from harness.grid import auto_spec, build_grid
+    from harness.intersectors import find
+    from harness.rays import checked
+    from harness.stopwatch import Stopwatch
+    from harness.tracers._base import Setting
+
+    kind = tracers.find(tracer)
+    test = find(intersector) if kind.needs_intersector else None
+    setting = Setting(scene)
+    if kind.needs_device:
+        device = device if isinstance(device, Device) else open_device(device)
+        setting = Setting.on_device(scene, device)
+    if kind.needs_grid:
+        spec = auto_spec(len(scene)) if grid == "auto" else grid
+        setting = replace(setting, grid=build_grid(setting.device_scene, spec))
+    named = {name: str(value) for name, value in options.items()}
+    watch = Stopwatch(device.queue if kind.needs_device else None)
+    return kind(setting, test, named).trace(checked(rays), watch)
+
+
+def run_group(
+    specs: Sequence[RunSpec], device, progress: Callable[[Progress], None] | None = None
+) -> Iterator[tuple[RunSpec, dict]]:
+    """Measure runs that share scene, rays and grid; yields each spec with the body of its record.
+
+    Every variant is warmed up, repetitions are interleaved in random order, and every run's hits are checked.
+    Raises DefrayError for anything that cannot be run.
+    """
+    group = Group(specs, device, progress or (lambda _: None))
+    runs = [group.open_run(spec) for spec in specs]
+    for run in runs:
+        warm_up(group, run)
+    repeat_interleaved(group, runs)
+    for run in runs:
+        agreement = group.check(run)
+        yield run.spec, describe_run(group, run, agreement)
