@@ -39,7 +39,8 @@ wanted_stamp() { cat requirements.txt pyproject.toml scripts/setup.sh scripts/ru
 
 has_vendor() {
     local system=${OCL_ICD_VENDORS:-/etc/OpenCL/vendors}
-    [ -f "$system" ] || compgen -G "$system/*" >/dev/null || compgen -G "$VENDORS/*.icd" >/dev/null
+    [ -f "$system" ] || compgen -G "$system/*" >/dev/null || compgen -G "$VENDORS/*.icd" >/dev/null ||
+        compgen -G ".venv/lib/python3*/site-packages/pyopencl/.libs/*.icd" >/dev/null
 }
 
 is_done() {
@@ -97,16 +98,17 @@ except DefrayError as error:
     sys.exit(str(error))' "${1:-}" 2>>"$LOG"
 }
 
-# Install runtime $1 (a list in scripts/runtimes) into .venv and keep it only if its platform, $3, passes
-# the probe; its library is at $2, which may be a pattern.
+# Install runtime $1 (a list in scripts/runtimes) into .venv, make library $3 visible where one is named,
+# and keep it only if platform $2 passes the probe.
 add_runtime() {
-    local name=$1 pattern=$2 platform=$3 library
+    local name=$1 platform=$2 library=${3:-}
     say "trying the packages of scripts/runtimes/$name.txt"
     logged .venv/bin/python -m pip install --require-hashes --no-deps --only-binary :all: \
         -r "scripts/runtimes/$name.txt" || return
-    library=$(compgen -G "$PWD/$pattern" | head -n 1)
-    mkdir -p "$VENDORS"
-    echo "$library" >"$VENDORS/$name.icd"
+    if [ -n "$library" ]; then
+        mkdir -p "$VENDORS"
+        echo "$PWD/$library" >"$VENDORS/$name.icd"
+    fi
     if device=$(working_device "$platform"); then return; fi
     rm -f "$VENDORS/$name.icd"
     grep -oE '^[a-z][a-z0-9-]+' "scripts/runtimes/$name.txt" |
@@ -114,8 +116,8 @@ add_runtime() {
     return 1
 }
 
-add_intel() { add_runtime intel ".venv/lib/libintelocl.so" "Intel(R) OpenCL"; }
-add_pocl() { add_runtime pocl ".venv/lib/python3*/site-packages/pyopencl/.libs/libpocl*" "Portable Computing"; }
+add_intel() { add_runtime intel "Intel(R) OpenCL" .venv/lib/libintelocl.so; }
+add_pocl() { add_runtime pocl "Portable Computing Language"; } # lies where pyopencl's own loader looks
 
 find_device() {
     unset DEFRAY_DEVICE # set-up looks for any device; the choice among them comes later
