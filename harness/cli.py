@@ -113,6 +113,9 @@ def trace(
     from harness.plan import check_grid, interleaved
     from harness.spec import Variant
 
+    for part in option or []:
+        if "=" not in part:
+            raise DefrayError(f"--option '{part}' is not of the form key=value, as in: --option wave=8")
     text = ":".join(part for part in (tracer, intersector, *(option or [])) if part)
     common = _common(rays, kind, seed, view, repetitions, check)
     if ray_file:
@@ -131,7 +134,7 @@ def trace(
 
 @app.command(
     epilog="Examples:  [bold]defray compare deferred:ray-space forward:moller-trumbore --rays 64k[/bold]   "
-    "[bold]defray compare deferred:ray-space:wave=4 deferred:ray-space:wave=8 embree --scenes sponza,crown[/bold]"
+    "[bold]defray compare deferred deferred:ray-space:wave=4 embree --scenes sponza,crown[/bold]"
 )
 def compare(
     variants: Annotated[
@@ -164,7 +167,10 @@ def compare(
     grid = check_grid(GridSpec(top, leaf, reading))
     common = _common(rays, kind, seed, view, repetitions, check)
     parsed = [Variant.parse(text) for text in variants]
-    groups = [list(interleaved(name, parsed, [grid], **common)) for name in scenes.split(",") if name.strip()]
+    named = [name.strip() for name in scenes.split(",") if name.strip()]
+    if not named:
+        raise DefrayError(f"--scenes '{scenes}' names no scene")
+    groups = [list(interleaved(name, parsed, [grid], **common)) for name in named]
     if any(len({spec.id for spec in group}) < len(group) for group in groups):
         raise DefrayError("the same variant is named twice")
     results = [comparison(group, _measure(group, device)) for group in groups]
@@ -242,12 +248,11 @@ def _measure(specs: list, device_part: str | None) -> list[dict]:
 
     from harness.device import open_device
     from harness.pipeline import run_group
-    from harness.plan import spec_of
     from harness.progress import run_name
     from harness.record import finish
 
     console = Console(stderr=True)
-    waiting, done = list(specs), {}
+    done = {}
     device = open_device(device_part)
     with console.status("starting") as status:
 
@@ -255,9 +260,7 @@ def _measure(specs: list, device_part: str | None) -> list[dict]:
             what = run_name(step.spec) if step.spec else specs[0].scene
             status.update(f"{escape(what)}: {escape(step.stage)} ({step.done:.0%})")
 
-        for body in run_group(specs, device, progress):
-            spec = spec_of(body, waiting)
-            waiting.remove(spec)
+        for spec, body in run_group(specs, device, progress):
             done[spec.id] = finish(body, spec, device)
     return [done[spec.id] for spec in specs]
 

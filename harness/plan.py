@@ -17,8 +17,6 @@ from harness.record import first_problem
 from harness.spec import RAY_KINDS, Check, RunSpec, Variant
 
 READINGS = ("total", "per-cell")
-WITHOUT_GRID = ("brute", "embree")
-WITHOUT_INTERSECTOR = ("embree",)
 UNITS = {"": 1, "k": 1_000, "M": 1_000_000, "G": 1_000_000_000}
 
 
@@ -54,27 +52,35 @@ def check_grid(grid: GridSpec) -> GridSpec:
         below, above = grid.leaf // grid.top * grid.top, (grid.leaf // grid.top + 1) * grid.top
         fitting = f"{below} or {above}" if below else str(above)
         raise DefrayError(
-            f"leaf {grid.leaf} is not a multiple of top {grid.top}, as reading 'total' needs; {fitting} would do"
+            f"leaf {grid.leaf} is not a multiple of top {grid.top}, as reading 'total' needs; "
+            f"{fitting} would do"
         )
     return grid
 
 
 def check_variant(variant: Variant) -> Variant:
-    """`variant` with tracer and intersector known; a missing intersector becomes ray-space."""
+    """`variant` with tracer, intersector and options known; a missing intersector becomes ray-space."""
     from harness import intersectors, tracers
+    from harness.tracers._base import parse_options
 
-    if variant.tracer not in tracers.names():
-        raise known("tracer", variant.tracer, tracers.names())
-    if variant.tracer in WITHOUT_INTERSECTOR:
+    tracer = tracers.find(variant.tracer)
+    parse_options(tracer, variant.options)
+    if not tracer.needs_intersector:
         if variant.intersector:
             raise DefrayError(
                 f"tracer '{variant.tracer}' has its own intersector; leave '{variant.intersector}' out"
             )
         return variant
     intersector = variant.intersector or "ray-space"
-    if intersector not in intersectors.INTERSECTORS:
-        raise known("intersector", intersector, intersectors.INTERSECTORS)
+    intersectors.find(intersector)
     return variant.model_copy(update={"intersector": intersector})
+
+
+def needs_grid(variant: Variant) -> bool:
+    """Whether the variant's tracer walks a grid."""
+    from harness import tracers
+
+    return tracers.find(variant.tracer).needs_grid
 
 
 def make_spec(scene: str, variant: Variant, **fields: Any) -> RunSpec:
@@ -86,7 +92,7 @@ def make_spec(scene: str, variant: Variant, **fields: Any) -> RunSpec:
         raise DefrayError("rays of kind 'file' need a ray file, and a ray file needs kind 'file'")
     if ray_file is not None and not Path(ray_file).is_file():
         raise DefrayError(f"no ray file '{ray_file}'")
-    if fields.get("grid") is None and variant.tracer not in WITHOUT_GRID:
+    if fields.get("grid") is None and needs_grid(variant):
         raise DefrayError(f"tracer '{variant.tracer}' needs a grid")
     try:
         return RunSpec(scene=scene, variant=check_variant(variant), **fields)
@@ -102,29 +108,12 @@ def interleaved(
     A tracer without a grid is measured once, beside the first grid's runs: it belongs to their group, so
     that its repetitions interleave with theirs and ratios to it are paired.
     """
+    if not any(map(needs_grid, variants)):
+        grids = []
     for variant in variants:
-        places = grids[:1] if variant.tracer in WITHOUT_GRID else grids
+        places = grids if needs_grid(variant) else grids[:1]
         for grid in places or [None]:
             yield make_spec(scene, variant, grid=grid, **fields)
-
-
-def spec_of(body: dict, specs: Sequence[RunSpec]) -> RunSpec:
-    """The run of a group that `body`, as the pipeline yields it, belongs to.
-
-    The body's options may name defaults that the spec leaves out, so the closest spec that does not
-    contradict it is taken. Raises DefrayError when there is none.
-    """
-
-    def fits(spec: RunSpec) -> bool:
-        variant = spec.variant
-        names = (variant.tracer, variant.intersector) == (body["tracer"], body["intersector"])
-        return names and variant.options.items() <= body["options"].items()
-
-    fitting = [spec for spec in specs if fits(spec)]
-    if not fitting:
-        raise DefrayError(f"the pipeline returned a run that was not asked for: {body['tracer']}")
-    told_apart = (len(body["samples"]["total"]), body["agreement"]["reference"])
-    return max(fitting, key=lambda s: (len(s.variant.options), (s.repetitions, s.check) == told_apart))
 
 
 # ---------------------------------------------------------------- tiers in a TOML file

@@ -129,7 +129,10 @@ class RelativeError(_Part):
 
 
 class Agreement(_Part):
-    """Rays by class of agreement with the reference (`embree`, `exact` or `none`)."""
+    """Rays by class of agreement with the reference.
+
+    The first keys are those every version writes; what the others mean, `harness.check.Agreement` says.
+    """
 
     reference: str
     same: int
@@ -138,6 +141,13 @@ class Agreement(_Part):
     wrong: int
     missed: int
     phantom: int
+    reference_wrong: int = 0
+    settled: int = 0
+    nonfinite: int = 0
+    worst_band_ulp: float = 0.0
+    rays: int | None = None
+    valid: bool | None = None
+    reason: str = ""
     t_relative_error: RelativeError | None
 
 
@@ -164,6 +174,7 @@ class Record(_Part):
     rate: Rates
     counters: CounterValues
     agreement: Agreement
+    hits_sha256: str | None = None
     valid: bool
 
     @model_validator(mode="after")
@@ -183,6 +194,7 @@ def finish(body: dict, spec: RunSpec, device) -> dict:
 
     commit, dirty = commit_and_dirty()
     record = {
+        "view": spec.view,
         **body,
         "schema": SCHEMA,
         "id": spec.id,
@@ -191,7 +203,6 @@ def finish(body: dict, spec: RunSpec, device) -> dict:
         "commit": commit,
         "dirty": dirty,
         "machine": machine_description(device),
-        "view": spec.view,
         "repetitions": spec.repetitions,
         "spec": spec.model_dump(mode="json"),
     }
@@ -203,9 +214,7 @@ def validated(record: dict, where: str) -> dict:
     if not isinstance(record, dict):
         raise DefrayError(f"{where}: not a JSON object")
     if record.get("schema") != SCHEMA:
-        raise DefrayError(
-            f"{where}: schema {record.get('schema')!r}, but this version reads schema {SCHEMA}"
-        )
+        raise DefrayError(f"{where}: schema {record.get('schema')!r}, but this version reads schema {SCHEMA}")
     try:
         return Record.model_validate(record).model_dump(mode="json", by_alias=True)
     except ValidationError as error:
@@ -269,17 +278,13 @@ def append_line(path: Path, value: dict) -> None:
     try:
         line = json.dumps(value, allow_nan=False, ensure_ascii=False) + "\n"
     except ValueError as error:
-        raise DefrayError(
-            f"{path}: a record holds a number that is not finite ({error})"
-        ) from None
+        raise DefrayError(f"{path}: a record holds a number that is not finite ({error})") from None
     try:
         with open(path, "ab", buffering=0) as file:
             start = file.seek(0, os.SEEK_END)
             data = line.encode()
             if file.write(data) != len(data):
-                file.truncate(
-                    start
-                )  # a full disk took part of it; a torn line must not meet a next one
+                file.truncate(start)  # a full disk took part of it; a torn line must not meet a next one
                 raise OSError("the disk is full")
             os.fsync(file.fileno())
     except OSError as error:
@@ -327,9 +332,7 @@ class RecordFile:
                 broken.flush()
                 os.fsync(broken.fileno())
             os.truncate(self.path, torn_at)
-            self.warn(
-                f"{self.path}: the last line was incomplete; moved it to {aside.name}"
-            )
+            self.warn(f"{self.path}: the last line was incomplete; moved it to {aside.name}")
         elif data and not data.endswith(b"\n"):
             # The kill came between the record and its newline: the record is whole.
             with open(self.path, "ab") as file:
@@ -353,8 +356,7 @@ class RecordFile:
                 if number == len(lines):
                     return records, offset, data
                 raise DefrayError(
-                    f"{self.path}, line {number}: not JSON; "
-                    "restore the file from a copy or delete that line"
+                    f"{self.path}, line {number}: not JSON; restore the file from a copy or delete that line"
                 ) from None
             records.append(validated(value, f"{self.path}, line {number}"))
             offset += len(line)

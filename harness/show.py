@@ -46,8 +46,8 @@ def _record_rows(record: dict):
         yield (
             "grid",
             (
-                f"{grid['top']}/{grid['leaf']} {grid['reading']}: {grid['nonempty']:,} of {grid['cells']:,} cells "
-                f"in use, {grid['references']:,} references, {grid['bytes'] / 2**20:.1f} MiB, "
+                f"{grid['top']}/{grid['leaf']} {grid['reading']}: {grid['nonempty']:,} of {grid['cells']:,} "
+                f"cells in use, {grid['references']:,} references, {grid['bytes'] / 2**20:.1f} MiB, "
                 f"built in {grid['build_seconds']:.2f} s"
             ),
         )

@@ -42,17 +42,11 @@ def interval(values: Sequence[float], confidence: float = 0.95) -> Interval:
     """
     sample = _finite(values)
     if len(sample) < 3:
-        return Interval(
-            float(np.median(sample)), float(sample.min()), float(sample.max())
-        )
-    return _bootstrap(
-        len(sample), lambda rows: np.median(sample[rows], axis=-1), confidence
-    )
+        return Interval(float(np.median(sample)), float(sample.min()), float(sample.max()))
+    return _bootstrap(len(sample), lambda rows: np.median(sample[rows], axis=-1), confidence)
 
 
-def ratio(
-    rates: Sequence[float], base_rates: Sequence[float], confidence: float = 0.95
-) -> Interval:
+def ratio(rates: Sequence[float], base_rates: Sequence[float], confidence: float = 0.95) -> Interval:
     """Median of `rates` over median of `base_rates`, both measured in the same interleaved repetitions.
 
     Repetition i of one is paired with repetition i of the other, and whole repetitions are resampled, so
@@ -61,9 +55,7 @@ def ratio(
     """
     sample, base = _finite(rates), _finite(base_rates)
     if len(sample) != len(base):
-        raise DefrayError(
-            f"a ratio needs paired repetitions: got {len(sample)} and {len(base)}"
-        )
+        raise DefrayError(f"a ratio needs paired repetitions: got {len(sample)} and {len(base)}")
     if (base <= 0).any():
         raise DefrayError("a ratio needs base rates above zero")
     if len(sample) < 3:
@@ -84,14 +76,10 @@ def different_p_value(first: Sequence[float], second: Sequence[float]) -> float:
     """Two-sided p value of the Mann-Whitney U test: small when the two samples differ."""
     from scipy.stats import mannwhitneyu
 
-    return float(
-        mannwhitneyu(_finite(first), _finite(second), alternative="two-sided").pvalue
-    )
+    return float(mannwhitneyu(_finite(first), _finite(second), alternative="two-sided").pvalue)
 
 
-def different(
-    first: Sequence[float], second: Sequence[float], alpha: float = 0.05
-) -> bool:
+def different(first: Sequence[float], second: Sequence[float], alpha: float = 0.05) -> bool:
     """Whether two samples differ by the Mann-Whitney U test.
 
     With three repetitions each the smallest possible p value is 0.1, so this cannot be true at 0.05: four
@@ -108,18 +96,13 @@ def rates_of(seconds: Sequence[float], rays: int) -> list[float]:
     return [float(rays / time) for time in times]
 
 
-def rates(
-    samples: Samples, rays: int, valid: bool = True
-) -> dict[str, dict[str, float] | None]:
+def rates(samples: Samples, rays: int, valid: bool = True) -> dict[str, dict[str, float] | None]:
     """The `rate` of a record: for each rated stage `{median, low, high}` in rays per second.
 
     A stage that the tracer lacks, or that is too short for the device's clock, has no rate (None). A run
     whose check failed has none at all.
     """
-    return {
-        stage: _rate(getattr(samples, stage), rays) if valid else None
-        for stage in RATED_STAGES
-    }
+    return {stage: _rate(getattr(samples, stage), rays) if valid else None for stage in RATED_STAGES}
 
 
 def _rate(seconds: Sequence[float], rays: int) -> dict[str, float] | None:
@@ -128,9 +111,7 @@ def _rate(seconds: Sequence[float], rays: int) -> dict[str, float] | None:
     return interval(rates_of(seconds, rays)).as_dict()
 
 
-def _bootstrap(
-    count: int, statistic: Callable[[np.ndarray], np.ndarray], confidence: float
-) -> Interval:
+def _bootstrap(count: int, statistic: Callable[[np.ndarray], np.ndarray], confidence: float) -> Interval:
     """Percentile bootstrap; `statistic` maps row indices int[..., count] to values [...]."""
     rows = np.random.default_rng(0).integers(0, count, size=(RESAMPLES, count))
     tail = (1.0 - confidence) / 2.0

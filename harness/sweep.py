@@ -15,7 +15,7 @@ import shlex
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.errors import DefrayError
-from harness.plan import expand, spec_of
+from harness.plan import expand
 from harness.progress import Display, TimeLeft, run_name
 from harness.record import RecordFile, append_line, command_line, commit_and_dirty, finish, now_utc
 from harness.spec import RunSpec
@@ -84,27 +84,31 @@ def run_sweep(request: SweepRequest, console: Console | None = None) -> int:
             with _terminable():
                 _run_all(sweep)
         except (KeyboardInterrupt, _Terminated) as stop:
-            console.print(
-                f"stopped after {len(sweep.stored)} of {len(specs)} runs; go on with: "
-                + escape(request.resume_command()),
-                highlight=False,
-                soft_wrap=True,
-            )
+            # Counted on file: the signal may have come between storing a record and noting it.
+            done = len(sweep.records.done_ids() & {spec.id for spec in specs})
+            line = f"stopped after {done} of {len(specs)} runs; go on with: {request.resume_command()}"
+            console.print(escape(line), highlight=False, soft_wrap=True)
             return TERMINATED if isinstance(stop, _Terminated) else INTERRUPTED
     return _summary(sweep)
 
 
 def shuffled_groups(specs: Sequence[RunSpec], seed: int) -> list[list[RunSpec]]:
-    """Runs by group, groups and the runs within each in the random order that `seed` gives."""
-    groups: dict[tuple, list[RunSpec]] = {}
+    """Runs by group, in the random order that `seed` gives.
+
+    Scenes, the groups of a scene and the runs of a group are shuffled; groups of one scene stay together,
+    so that each scene is loaded once.
+    """
+    scenes: dict[str, dict[tuple, list[RunSpec]]] = {}
     for spec in specs:
-        groups.setdefault(spec.group, []).append(spec)
-    order = list(groups.values())
+        scenes.setdefault(spec.scene, {}).setdefault(spec.group, []).append(spec)
     generator = random.Random(seed)
-    generator.shuffle(order)
-    for group in order:
-        generator.shuffle(group)
-    return order
+
+    def shuffled(items: Iterable) -> list:
+        items = list(items)
+        generator.shuffle(items)
+        return items
+
+    return [shuffled(group) for scene in shuffled(scenes.values()) for group in shuffled(scene.values())]
 
 
 # ---------------------------------------------------------------- the folder
@@ -302,15 +306,14 @@ def _attempt(sweep: _Sweep, remaining: list[RunSpec], device, display: Display) 
         running = step.spec
         display.progress(step)
 
-    bodies = run_group(list(remaining), device, progress)
+    results = run_group(list(remaining), device, progress)
     while remaining:
         try:
-            body = next(bodies)
+            spec, body = next(results)
         except StopIteration:
             raise _RunFailed(DefrayError("the pipeline returned no result"), None) from None
         except Exception as error:  # a fault in one run must not cost the others theirs
             raise _RunFailed(error, running if running in remaining else None) from error
-        spec = spec_of(body, remaining)
         try:
             record = finish(body, spec, device)
         except DefrayError as error:

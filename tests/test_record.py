@@ -28,9 +28,7 @@ RATE = {"median": 1e6, "low": 9e5, "high": 1.1e6}
 
 def make_record(identity: str = "0" * 16, **changes) -> dict:
     """A record that validates."""
-    spec = RunSpec(
-        scene="sponza", variant=Variant.parse("deferred:ray-space"), grid=GridSpec()
-    )
+    spec = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space"), grid=GridSpec())
     whole = {
         "schema": 1,
         "id": identity,
@@ -128,7 +126,7 @@ def file(tmp_path):
 def test_every_key_is_needed_and_no_other_allowed(path):
     missing = copy.deepcopy(make_record())
     del holder(missing, path)[path[-1]]
-    with pytest.raises(DefrayError, match="here: .*(missing key|schema None)"):
+    with pytest.raises(DefrayError, match=r"here: .*(missing key|schema None)"):
         validated(missing, "here")
     extra = copy.deepcopy(make_record())
     holder(extra, path)[path[-1] + "s_"] = 1
@@ -162,9 +160,7 @@ def test_numbers_must_be_finite(file, number):
 
 
 def test_finish_adds_what_the_pipeline_does_not_know(monkeypatch):
-    monkeypatch.setattr(
-        "harness.device.machine_description", lambda device: dict(MACHINE)
-    )
+    monkeypatch.setattr("harness.device.machine_description", lambda device: dict(MACHINE))
     spec = RunSpec(
         scene="sponza",
         variant=Variant.parse("deferred:ray-space"),
@@ -175,9 +171,7 @@ def test_finish_adds_what_the_pipeline_does_not_know(monkeypatch):
     assert done["id"] == spec.id and done["schema"] == 1 and done["view"] == "door"
     assert RunSpec.model_validate(done["spec"]).id == spec.id
     assert json.loads(json.dumps(done)) == done
-    with pytest.raises(
-        DefrayError, match="the record of sponza deferred:ray-space: valid: missing key"
-    ):
+    with pytest.raises(DefrayError, match="the record of sponza deferred:ray-space: valid: missing key"):
         finish(
             {key: value for key, value in make_body().items() if key != "valid"},
             spec,
@@ -187,9 +181,7 @@ def test_finish_adds_what_the_pipeline_does_not_know(monkeypatch):
 
 def test_commit_is_unknown_outside_a_checkout(monkeypatch, tmp_path):
     record_module.commit_and_dirty.cache_clear()
-    monkeypatch.setattr(
-        record_module, "__file__", str(tmp_path / "harness" / "record.py")
-    )
+    monkeypatch.setattr(record_module, "__file__", str(tmp_path / "harness" / "record.py"))
     assert record_module.commit_and_dirty() == ("unknown", False)
     record_module.commit_and_dirty.cache_clear()
 
@@ -218,9 +210,7 @@ def test_a_torn_last_line_is_set_aside(file, kept):
     assert [record["id"] for record in file.repair()] == ["a"]
     assert file.path.read_bytes() == whole
     assert (file.path.parent / "records.jsonl.broken").read_bytes() == torn + b"\n"
-    assert len(file.warnings) == 2 and all(
-        "\n" not in message for message in file.warnings
-    )
+    assert len(file.warnings) == 2 and all("\n" not in message for message in file.warnings)
     file.append(make_record("b"))
     assert file.done_ids() == {"a", "b"}
 
@@ -239,17 +229,13 @@ def test_damage_elsewhere_names_file_and_line(file):
         file.append(make_record(identity))
     lines = file.path.read_text().splitlines()
     file.path.write_text("\n".join([lines[0], lines[1][:50], lines[2]]) + "\n")
-    with pytest.raises(DefrayError, match="records.jsonl, line 2: not JSON"):
+    with pytest.raises(DefrayError, match=r"records\.jsonl, line 2: not JSON"):
         file.repair()
-    file.path.write_text(
-        "\n".join([lines[0], lines[1].replace('"schema": 1', '"schema": 9')]) + "\n"
-    )
-    with pytest.raises(
-        DefrayError, match="line 2: schema 9, but this version reads schema 1"
-    ):
+    file.path.write_text("\n".join([lines[0], lines[1].replace('"schema": 1', '"schema": 9')]) + "\n")
+    with pytest.raises(DefrayError, match="line 2: schema 9, but this version reads schema 1"):
         file.read()
-    file.path.write_text(lines[0].replace('"valid"', '"vaild"') + "\n")
-    with pytest.raises(DefrayError, match="line 1: valid: missing key"):
+    file.path.write_text(lines[0].replace('"dirty"', '"ditry"') + "\n")
+    with pytest.raises(DefrayError, match="line 1: dirty: missing key"):
         file.read()
     file.path.write_text("[1]\n")
     with pytest.raises(DefrayError, match="line 1: not a JSON object"):
@@ -257,7 +243,7 @@ def test_damage_elsewhere_names_file_and_line(file):
 
 
 def test_unwritable_place_is_one_line(tmp_path):
-    with pytest.raises(DefrayError, match="cannot write .*records.jsonl") as caught:
+    with pytest.raises(DefrayError, match=r"cannot write .*records\.jsonl") as caught:
         RecordFile(tmp_path / "absent" / "records.jsonl").append(make_record())
     assert "\n" not in str(caught.value)
 
@@ -269,9 +255,7 @@ def test_a_full_disk_is_one_line():
 
 
 def test_command_line_hides_the_installation(monkeypatch):
-    monkeypatch.setattr(
-        sys, "argv", ["/some/where/bin/defray", "trace", "my scene.obj"]
-    )
+    monkeypatch.setattr(sys, "argv", ["/some/where/bin/defray", "trace", "my scene.obj"])
     assert record_module.command_line() == "defray trace 'my scene.obj'"
 
 

@@ -31,9 +31,7 @@ def test_interval_of_three_values_reaches_both_ends():
 def test_interval_of_nine_values_matches_the_binomial():
     # Median of a resample of 9 is <= the 2nd value when 5 or more draws are among the lowest 2:
     # binomial(9, 2/9), P(X >= 5) = 0.0298 > 0.025; <= the 1st: binomial(9, 1/9), P = 0.0014 < 0.025.
-    assert stats.interval([float(value) for value in range(1, 10)]) == stats.Interval(
-        5.0, 2.0, 8.0
-    )
+    assert stats.interval([float(value) for value in range(1, 10)]) == stats.Interval(5.0, 2.0, 8.0)
 
 
 def test_interval_is_repeatable_and_ignores_order():
@@ -74,9 +72,7 @@ def test_different_needs_four_repetitions_to_say_yes():
 
 
 def test_rates_are_rays_over_seconds_stage_by_stage():
-    samples = Samples(
-        traverse=[0.5, 0.25, 1.0], total=[2.0, 1.0, 4.0], intersect=[0.0, 0.0, 0.0]
-    )
+    samples = Samples(traverse=[0.5, 0.25, 1.0], total=[2.0, 1.0, 4.0], intersect=[0.0, 0.0, 0.0])
     result = stats.rates(samples, rays=100)
     assert result == {
         "traverse": {"median": 200.0, "low": 100.0, "high": 400.0},
@@ -86,6 +82,4 @@ def test_rates_are_rays_over_seconds_stage_by_stage():
 
 
 def test_an_invalid_run_has_no_rate():
-    assert stats.rates(Samples(total=[1.0]), 10, valid=False) == dict.fromkeys(
-        stats.RATED_STAGES
-    )
+    assert stats.rates(Samples(total=[1.0]), 10, valid=False) == dict.fromkeys(stats.RATED_STAGES)

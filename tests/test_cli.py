@@ -1,0 +1,237 @@
+"""The command line: what it prints, its exit codes, and one line for every mistake."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from test_sweep import TIER, body_of, fake_run_group, install_fakes, module_called
+
+from harness import cli
+from harness.errors import DefrayError
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def defray(monkeypatch, capsys):
+    """Run the command with a fake pipeline; `defray(...)` returns exit code, stdout and stderr."""
+    install_fakes(monkeypatch)
+
+    def run(*arguments: str, pipeline=None) -> tuple[int, str, str]:
+        if pipeline:
+            monkeypatch.setattr(module_called("pipeline"), "run_group", pipeline)
+        monkeypatch.setattr(sys, "argv", ["defray", *arguments])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        printed = capsys.readouterr()
+        return stopped.value.code or 0, printed.out, printed.err
+
+    return run
+
+
+def failing_run_group(specs, device, report=None):
+    """All checks fail."""
+    for spec in specs:
+        yield spec, body_of(spec, valid=False)
+
+
+# ---------------------------------------------------------------- help
+
+
+def test_help_is_fast_and_light():
+    heavy = "('pyopencl', 'pandas', 'trimesh', 'matplotlib', 'pydantic')"
+    code = f"import sys, harness.cli; sys.exit(str([m for m in {heavy} if m in sys.modules] or ''))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stderr.strip() == ""
+
+
+@pytest.mark.parametrize("command", ["", "doctor", "scenes", "trace", "compare", "sweep", "report"])
+def test_every_command_has_help(defray, command):
+    code, out, _ = defray(*command.split(), "--help")
+    assert code == 0 and "Usage: defray" in out
+
+
+# ---------------------------------------------------------------- trace and compare
+
+
+def test_trace_prints_one_record_as_json(defray):
+    code, out, _ = defray("trace", "sponza", "--rays", "64k", "--option", "wave=8", "--json")
+    record = json.loads(out)
+    assert code == 0 and out.count("\n") == 1
+    assert record["spec"]["rays"] == 64_000
+    assert record["spec"]["variant"] == {
+        "tracer": "deferred",
+        "intersector": "ray-space",
+        "options": {"wave": "8"},
+    }
+    assert record["spec"]["grid"] == {"top": 8, "leaf": 128, "reading": "total"}
+
+
+def test_trace_prints_a_table(defray):
+    code, out, _ = defray("trace", "sponza")
+    assert code == 0 and "Mrays/s" in out and "against embree" in out and "deferred:ray-space" in out
+
+
+def test_trace_without_a_grid(defray):
+    code, out, _ = defray("trace", "sponza", "--tracer", "embree", "--json")
+    assert code == 0 and json.loads(out)["spec"]["grid"] is None
+
+
+def test_trace_own_rays(defray, tmp_path):
+    rays = tmp_path / "rays.npz"
+    rays.write_bytes(b"")
+    code, out, _ = defray("trace", "sponza", "--ray-file", str(rays), "--json")
+    assert code == 0 and json.loads(out)["spec"]["kind"] == "file"
+
+
+def test_a_failed_check_exits_1_and_still_prints_the_record(defray):
+    code, out, error = defray("trace", "sponza", "--json", pipeline=failing_run_group)
+    assert code == 1 and json.loads(out)["valid"] is False and json.loads(out)["rate"]["total"] is None
+    assert error.startswith("error: check failed: sponza deferred:ray-space: 3 missed (against embree)")
+    code, out, _ = defray("trace", "sponza")
+    assert code == 1 and "no rate" in out and "Mrays/s" not in out
+
+
+def test_compare(defray):
+    arguments = ["compare", "deferred", "forward:moller-trumbore", "embree", "--scenes", "sponza,crown"]
+    code, out, _ = defray(*arguments, "--json")
+    results = json.loads(out)
+    assert code == 0 and [result["scene"]["name"] for result in results] == ["sponza", "crown"]
+    rows = results[0]["rows"]
+    assert [row["variant"] for row in rows] == ["deferred:ray-space", "forward:moller-trumbore", "embree"]
+    assert rows[0]["ratio"] is None and rows[1]["ratio"] == {"median": 1.0, "low": 1.0, "high": 1.0}
+    code, out, _ = defray(*arguments)
+    assert code == 0 and "1 (base)" in out and "1 (1 to 1)" in out and "crown" in out
+
+
+def test_compare_ratio_is_of_rates_not_times(defray):
+    def forward_is_slower(specs, device, report=None):
+        for spec in specs:
+            body = body_of(spec)
+            slow = 4 if spec.variant.tracer == "forward" else 1
+            body["samples"]["total"] = [slow * second for second in (0.1, 0.2, 0.15, 0.12, 0.11)]
+            yield spec, body
+
+    code, out, _ = defray("compare", "deferred", "forward", "--json", pipeline=forward_is_slower)
+    row = json.loads(out)[0]["rows"][1]
+    assert code == 0 and row["ratio"]["median"] == pytest.approx(0.25) and row["p_value"] < 0.05
+
+
+def test_compare_without_a_valid_base(defray):
+    def base_fails(specs, device, report=None):
+        for spec in specs:
+            yield spec, body_of(spec, valid=spec.variant.tracer != "deferred")
+
+    code, out, _ = defray("compare", "deferred", "forward", "--json", pipeline=base_fails)
+    assert code == 1 and json.loads(out)[0]["rows"][1]["ratio"] is None
+    code, out, _ = defray("compare", "deferred", "forward")
+    assert code == 1 and "check failed" in out
+
+
+# ---------------------------------------------------------------- the other commands
+
+
+def test_scenes(defray, monkeypatch):
+    status = SimpleNamespace(
+        name="sponza", triangles=279_163, source="real", origin="a place", licence="CC BY", paper=True
+    )
+    monkeypatch.setattr(module_called("scene"), "list_scenes", lambda: [status])
+    code, out, _ = defray("scenes")
+    assert code == 0 and "279,163" in out and "a place" in out
+
+
+def test_sweep_and_report(defray, tmp_path, monkeypatch):
+    file, out_folder = tmp_path / "a.toml", tmp_path / "out"
+    file.write_text(TIER)
+    arguments = ["sweep", str(file), "--tier", "small", "--out", str(out_folder)]
+    code, _, error = defray(*arguments)
+    assert code == 0 and "10 runs: 10 valid" in error
+    code, _, error = defray(*arguments)
+    assert code == 2 and "pass --resume" in error
+    assert defray(*arguments, "--resume")[0] == 0
+    monkeypatch.setattr(module_called("report"), "write_report", lambda folder: folder / "report.html")
+    code, out, _ = defray("report", str(out_folder))
+    assert code == 0 and out.strip() == str(out_folder / "report.html")
+
+
+def test_doctor_passes_its_exit_code_on(defray, monkeypatch):
+    monkeypatch.setattr(module_called("doctor"), "run_doctor", lambda json: 1 if json else 0)
+    assert defray("doctor")[0] == 0
+    assert defray("doctor", "--json")[0] == 1
+
+
+# ---------------------------------------------------------------- mistakes
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("trace sponza --rays 0", "a count must be above zero, not '0'"),
+        ("trace sponza --rays many", "'many' is not a count; write 64k, 1M or 1000000"),
+        ("trace sponza --leaf 100", "96 or 104 would do"),
+        ("trace sponza --reading each", "unknown reading 'each'; known: per-cell, total"),
+        ("trace sponza --kind soft", "unknown kind of rays 'soft'; known: ambient-occlusion"),
+        ("trace sponza --kind file", "need a ray file"),
+        ("trace sponza --ray-file nowhere.npz", "no ray file 'nowhere.npz'"),
+        ("trace sponza --tracer deferd", "unknown tracer 'deferd'; known: brute, deferred"),
+        ("trace sponza --intersector ray", "unknown intersector 'ray'; known: moller-trumbore, ray-space"),
+        ("trace sponza --option wave", "--option 'wave' is not of the form key=value"),
+        ("trace sponza --option wav=8", "unknown option of tracer deferred 'wav'; known: arrange"),
+        ("trace sponza --tracer embree --intersector ray-space", "has its own intersector"),
+        ("trace sponza --check twice", "unknown check 'twice'; known: embree, exact, none"),
+        ("compare deferred", "two variants or more"),
+        ("compare deferred deferred:ray-space", "named twice"),
+        ("compare deferred embree --scenes ,", "names no scene"),
+        ("sweep nowhere.toml --out out", "cannot read nowhere.toml: No such file or directory"),
+        ("report nowhere", "nowhere has no records.jsonl; run a sweep first"),
+    ],
+)
+def test_each_mistake_is_one_line_and_exit_2(defray, command, message):
+    code, out, error = defray(*command.split())
+    assert code == 2 and out == "" and message in error
+    assert error.startswith("error: ") and error.count("\n") == 1
+
+
+def test_usage_errors_exit_2(defray):
+    for command in (["trace"], ["trace", "sponza", "--repetitions", "0"], ["fly"]):
+        code, _, error = defray(*command)
+        assert code == 2 and "Traceback" not in error
+
+
+def test_an_unwritable_folder(defray, tmp_path):
+    file = tmp_path / "a.toml"
+    file.write_text(TIER)
+    code, _, error = defray("sweep", str(file), "--tier", "small", "--out", str(file / "out"))
+    assert code == 2 and error.startswith("error: cannot write to ") and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("raised", "code", "message"),
+    [
+        (DefrayError("no working OpenCL device (none); install PoCL"), 2, "error: no working OpenCL device"),
+        (ZeroDivisionError("a\nfault"), 2, "error: ZeroDivisionError: a fault (a fault in defray"),
+        (KeyboardInterrupt(), 130, ""),
+    ],
+)
+def test_no_exception_reaches_the_user(defray, raised, code, message):
+    def broken(specs, device, report=None):
+        raise raised
+        yield
+
+    found, out, error = defray("trace", "sponza", pipeline=broken)
+    assert (found, out) == (code, "") and message in error and "Traceback" not in error
+
+
+def test_progress_stays_off_standard_output(defray):
+    _, out, _ = defray("trace", "sponza", "--json", pipeline=fake_run_group)
+    json.loads(out)
+
+
+def test_red_only_on_a_terminal(monkeypatch, capsys):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    cli._print_error("wrong")
+    assert capsys.readouterr().err == "\033[31merror:\033[0m wrong\n"
