@@ -1,7 +1,7 @@
 """One ray and one triangle: measured in float64, filtered with a proven error bound, decided in integers.
 
-All inputs are float32. Every finite float32 is a whole multiple of 2^-149, so scaled by 2^149 the predicates are
-integer arithmetic: no rounding, no tolerance, never undecided.
+All inputs are float32. Every finite float32 is a whole multiple of 2^-149, so scaled by 2^149 the predicates
+are integer arithmetic: no rounding, no tolerance, never undecided.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ def exact_hit(triangle, origin, direction, t_max) -> Fraction | None:
     """Exact t of one ray with one closed triangle, or None.
 
     `triangle` float32[3,3], `origin`, `direction` float32[3], `t_max` a float32 (inf allowed). A hit has
-    0 < t <= t_max; edges and vertices belong to the triangle; a coplanar ray and a zero-area triangle never hit.
+    0 < t <= t_max; edges and vertices belong to the triangle; a coplanar ray never hits, and nothing hits a
+    zero-area triangle.
     """
     if not (np.isfinite(triangle).all() and np.isfinite(origin).all() and np.isfinite(direction).all()):
         return None
@@ -108,17 +109,20 @@ def _is_flat(triangle: np.ndarray) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Measure:
-    """How m rays lie to m triangles, one each, in float64[m]. Lengths in local ulp, 2^-24 * max|vertex - origin|.
+    """How m rays lie to m triangles, one each, in float64[m].
 
-    `t`: of the triangle's plane (NaN where the ray is parallel to it). `margin`: by how much the ray truly hits,
-    the least of its distances to the three edge lines, to t = 0 and to t = t_max; negative: by how much it
-    misses; -inf for a zero-area triangle. `sine`: scene units off the plane per unit of t. `ulp`: scene units.
-    `offset`: signed distance of the origin from the plane, scene units. `aspect`: longest edge squared over twice
-    the area, 1.15 for an equilateral triangle and large for a sliver.
+    `ulp`: the local ulp, 2^-24 * max|vertex - origin|, in scene units. `t`: of the triangle's plane (NaN
+    where the ray is parallel to it). `margin`, in ulp: by how much the ray truly hits, the least of its
+    distances to the three edge lines, to t = 0 and to t = t_max; negative: by how much it misses; -inf for a
+    zero-area triangle. `conditioned`: the same with each distance divided by the condition it has in float32,
+    longest edge / (edge * sine of its angle with the ray), and `aspect` for the limits of t. `sine`: scene
+    units off the plane per unit of t. `offset`: distance of the origin from the plane along the ray's side,
+    scene units. `aspect`: longest edge squared over twice the area, 1.15 if equilateral, large for a sliver.
     """
 
     t: np.ndarray
     margin: np.ndarray
+    conditioned: np.ndarray
     sine: np.ndarray
     offset: np.ndarray
     ulp: np.ndarray
@@ -141,25 +145,31 @@ def measure(triangles: np.ndarray, origins: np.ndarray, directions: np.ndarray, 
         length = np.sqrt(_dot(normal, normal))
         slope = _dot(normal, ray) / length
         sine, offset = np.abs(slope), _dot(normal, corners[0]) * np.sign(slope) / length
-        t = offset / sine
-        margin = np.minimum(_inside(corners, edges, ray), offset)
+        longest = np.max([_dot(edge, edge) for edge in edges], axis=0)
+        aspect = longest / length
         limit = np.asarray(t_max, np.float64)
-        margin = np.minimum(margin, np.where(np.isinf(limit), np.inf, limit * sine - offset)) / ulp
-        margin[~(length > 0) | np.isnan(margin)] = -np.inf
+        along = np.minimum(offset, np.where(np.isinf(limit), np.inf, limit * sine - offset))
+        plain, conditioned = _inside(corners, edges, ray, np.sqrt(longest))
+        margin = np.minimum(plain, along) / ulp
+        conditioned = np.minimum(conditioned, along / aspect) / ulp
+        flat = ~(length > 0) | np.isnan(margin)
+        margin[flat] = conditioned[flat] = -np.inf
+        t = np.where(sine > 0, offset / sine, np.nan)
         t[~np.isfinite(t)] = np.nan
-        aspect = np.max([_dot(edge, edge) for edge in edges], axis=0) / length
-    return Measure(t, margin, sine, offset, ulp, aspect)
+    return Measure(t, margin, conditioned, sine, offset, ulp, aspect)
 
 
-def _inside(corners, edges, ray) -> np.ndarray:
-    """Distance of the ray's line inside the triangle's nearest edge line, negative outside, scene units."""
-    low, high = np.inf, -np.inf
-    for corner, edge in zip(corners, edges):
+def _inside(corners, edges, ray, longest) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of the ray's line inside the nearest edge line, scene units: plain and by condition."""
+    speed = np.sqrt(_dot(ray, ray)) * longest
+    plain, conditioned = [], []
+    for corner, edge in zip(corners, edges, strict=True):
         moment = _cross(ray, edge)
-        across = np.sqrt(_dot(moment, moment))
-        distance = np.where(across > 0, _dot(corner, moment) / across, 0.0)
-        low, high = np.minimum(low, distance), np.maximum(high, distance)
-    return np.maximum(low, -high)  # whichever orientation the ray sees
+        volume, across = _dot(corner, moment), np.sqrt(_dot(moment, moment))
+        plain.append(np.where(across > 0, volume / across, 0.0))
+        conditioned.append(volume / speed)
+    # whichever orientation the ray sees
+    return tuple(np.maximum(np.min(sides, axis=0), -np.max(sides, axis=0)) for sides in (plain, conditioned))
 
 
 def _dot(a, b) -> np.ndarray:

@@ -1,8 +1,8 @@
 """The exact oracle: first hits of float32 rays and triangles without any rounding.
 
-Blocks of neighbouring triangles are culled by a conservative float64 slab test, their triangles by a float64 sign
-test with a proven bound, and what is left is decided in integers (`harness/exact.py`). It shares nothing with the
-grid it judges.
+Blocks of neighbouring triangles are culled by a conservative float64 slab test, their triangles by a float64
+sign test with a proven bound, and what is left is decided in integers (`harness/exact.py`). It shares nothing
+with the grid it judges.
 """
 
 from __future__ import annotations
@@ -81,8 +81,8 @@ def _exact_hits(triangles, rows, origin, direction, t_max) -> list[tuple[Fractio
 class Oracle:
     """Exact hits of many rays against one mesh: `triangles` float32[n,3,3], `active` bool[n] or None.
 
-    Inactive triangles and those with a non-finite vertex are never hit. Memory: 4 bytes a triangle plus 24 bytes
-    a block, beside the triangles themselves, which are not copied.
+    Inactive triangles and those with a non-finite vertex are never hit. Memory: 4 bytes a triangle and 24 a
+    block, beside the triangles themselves, which are not copied.
     """
 
     def __init__(self, triangles: np.ndarray, active: np.ndarray | None = None):
@@ -173,13 +173,13 @@ def _spatial_order(triangles, active) -> np.ndarray:
     centres = np.empty((len(order), 3), np.float32)
     for first in range(0, len(order), _CHUNK):
         part = triangles[order[first : first + _CHUNK]]
-        centres[first : first + _CHUNK] = part.min(axis=1) / 2 + part.max(axis=1) / 2  # halves cannot overflow
+        centres[first : first + _CHUNK] = part.min(axis=1) / 2 + part.max(axis=1) / 2  # no overflow
     lower = centres.min(axis=0)
     extent = np.maximum(centres.max(axis=0).astype(np.float64) - lower, np.finfo(np.float32).tiny)
     keys = np.zeros(len(order), np.uint32)
     for axis in range(3):
-        cells = ((centres[:, axis].astype(np.float64) - lower[axis]) * (1023 / extent[axis])).astype(np.uint32)
-        keys |= _spread(cells) << np.uint32(axis)
+        cells = (centres[:, axis].astype(np.float64) - lower[axis]) * (1023 / extent[axis])
+        keys |= _spread(cells.astype(np.uint32)) << np.uint32(axis)
     return order[np.argsort(keys, kind="stable")]
 
 

@@ -16,7 +16,7 @@ def rational(vector):
 
 
 def minus(a, b):
-    return [x - y for x, y in zip(a, b)]
+    return [x - y for x, y in zip(a, b, strict=True)]
 
 
 def cross(a, b):
@@ -24,7 +24,7 @@ def cross(a, b):
 
 
 def dot(a, b):
-    return sum(x * y for x, y in zip(a, b))
+    return sum(x * y for x, y in zip(a, b, strict=True))
 
 
 def brute_force(triangles, origin, direction, t_max) -> Truth:
@@ -40,7 +40,7 @@ def brute_force(triangles, origin, direction, t_max) -> Truth:
         t = dot(normal, minus(p, o)) / slope
         if t <= 0 or (t_max != np.inf and t > Fraction(float(t_max))):
             continue
-        point = [x + t * y for x, y in zip(o, d)]
+        point = [x + t * y for x, y in zip(o, d, strict=True)]
         sides = (dot(normal, cross(minus(b, a), minus(point, a))) for a, b in ((p, q), (q, r), (r, p)))
         if any(side < 0 for side in sides):
             continue
@@ -54,7 +54,7 @@ def brute_force(triangles, origin, direction, t_max) -> Truth:
 def agree(triangles, origins, directions, limits):
     oracle = Oracle(triangles)
     ties = 0
-    for origin, direction, t_max in zip(origins, directions, limits):
+    for origin, direction, t_max in zip(origins, directions, limits, strict=True):
         truth = brute_force(triangles, origin, direction, t_max)
         assert oracle.first_hit(origin, direction, t_max) == truth
         assert first_hit(triangles, None, origin, direction, t_max) == truth
