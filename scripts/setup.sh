@@ -20,7 +20,7 @@ logged() {
     "$@" >>"$LOG" 2>&1 && return
     local code=$?
     echo "setup: '$*' failed (exit code $code); the end of $LOG:" >&2
-    tail -n 15 "$LOG" >&2
+    tail -n 6 "$LOG" >&2
     return "$code"
 }
 
@@ -148,6 +148,7 @@ if command -v flock >/dev/null; then # two at once would break one another's .ve
     is_done && exit
 fi
 : >"$LOG"
+rm -f .venv/defray-stamp # what stops halfway is not done
 make_environment
 install_packages
 device=""

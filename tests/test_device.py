@@ -16,7 +16,6 @@ from harness.device import machine_description, open_device, probe_all
 from harness.errors import DefrayError
 from harness.runtime import cl
 
-
 # pyopencl's loader always shows a runtime installed into its own folder: PoCL's wheel.
 needs_hidden_devices = pytest.mark.skipif(
     any(Path(cl.__file__).parent.glob(".libs/*.icd")), reason="PoCL's wheel cannot be hidden"
