@@ -1,0 +1,111 @@
+"""Figure 1, middle: deferred over work-optimal intersection against the size of the scene."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from harness.figures import style
+from harness.figures.runs import SAME_WORK, Runs, best, speedup
+
+ORDER = 20
+SECTION = "Figure 1 of the paper"
+TITLE = "Diffuse intersection: speed-up over work-optimal forward intersection"
+NEEDS = "diffuse runs of the deferred and the work-optimal tracer on the paper's grid (8 and 128, total)"
+DEFAULT, STRONGEST = "same intersector", "fastest work-optimal"
+
+
+def select(runs: Runs) -> pd.DataFrame:
+    """Ratio of intersection rates for every scene and intersector, against either baseline."""
+    rows = []
+    for _, work in runs.paper.groupby(SAME_WORK, sort=False):
+        plain = work[work["options"] == ""]
+        bases = work[work["tracer"] == "work-optimal"]
+        for _, run in plain[plain["tracer"] == "deferred"].iterrows():
+            same = bases[(bases["options"] == "") & (bases["intersector"] == run["intersector"])]
+            rows += _compared(run, best(same, "intersect"), DEFAULT)
+            if (bases["options"] != "").any():
+                rows += _compared(run, best(bases, "intersect"), STRONGEST)
+    return pd.DataFrame(rows)
+
+
+def _compared(run: pd.Series, base: pd.Series | None, baseline: str) -> list[dict]:
+    found = None if base is None else speedup(run["record"], base["record"], "intersect")
+    if found is None:
+        return []
+    return [{"scene": run["title"], "triangles": run["triangles"], "intersector": run["intersector"],
+             "baseline": baseline, "baseline_run": base["label"],
+             "deferred_mrays_per_s": run["intersect"], "baseline_mrays_per_s": base["intersect"],
+             **{key.replace("ratio", "speedup"): value for key, value in found.items()},
+             "grid": run["grid"], "rays": run["rays"], "runs": f"{run['run']} {base['run']}"}]
+
+
+def caption(runs: Runs, numbers: pd.DataFrame) -> str:
+    """What is divided by what."""
+    text = ("Figure 1, middle. Rate of the deferred tracer's intersection stage over that of work-optimal "
+            "forward intersection, which is given the cells up to each hit and pays for no traversal. Same "
+            "scene, rays, grid (8³ and 128³ over the scene) and intersector; bars are 95 % intervals; both "
+            "axes are logarithmic.")
+    if (numbers["baseline"] == STRONGEST).any():
+        text += (" Hollow marks divide by the fastest work-optimal variant measured on the scene, any "
+                 "intersector and options: the ratio least kind to deferral.")
+    return text + " The paper measured on its own GPU."
+
+
+def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
+    """A point with its interval for each scene and series."""
+    figure = style.canvas(3.7 if narrow else 3.5, narrow)
+    axis = figure.subplots()
+    claim = runs.published["claims"]["intersection_speedup"]
+    axis.axhline(1, color=style.INK, linewidth=0.9)
+    axis.axhline(claim["value"], color=style.PINK, linewidth=1.1, linestyle=(0, (5, 2)))
+    for number, (keys, series) in enumerate(numbers.groupby(["intersector", "baseline"], sort=False)):
+        _series(axis, series, *keys, number)
+    _limits(axis, numbers, claim["value"])
+    _notes(axis, claim["text"])
+    _scene_names(axis, numbers, narrow)
+    figure.legend(loc="outside lower center", ncols=1 if narrow else 2)
+    return figure
+
+
+def _series(axis, series: pd.DataFrame, intersector: str, baseline: str, number: int) -> None:
+    colour, marker = style.of_intersector(intersector, number)
+    hollow = baseline == STRONGEST
+    shift = {"ray-space": 0.985, "moller-trumbore": 1.015}.get(intersector, 1.0)
+    name = style.intersector_title(intersector)
+    label = f"{name}, over the fastest work-optimal variant" if hollow else f"{name}, both sides"
+    axis.errorbar(series["triangles"] * shift, series["speedup"], yerr=style.errors(series, "speedup"),
+                  fmt=marker, color=colour, markerfacecolor=style.PAGE if hollow else colour, label=label,
+                  markersize=5.5, elinewidth=1, zorder=3 if hollow else 4)
+
+
+def _limits(axis, numbers: pd.DataFrame, claim: float) -> None:
+    small, large = numbers["triangles"].min(), numbers["triangles"].max()
+    low = min(0.8, numbers["speedup"].min() / 1.3, numbers["speedup_low"].min() / 1.1)
+    high = max(claim * 1.5, numbers["speedup"].max() * 1.3, numbers["speedup_high"].max() * 1.1)
+    axis.set(xscale="log", yscale="log", xlim=(small / 1.6, large * 1.6), ylim=(low, high),
+             xlabel="scene size (triangles)", ylabel="speed-up of intersection (×)")
+    style.log_axis(axis.xaxis, small / 1.6, large * 1.6)
+    style.log_axis(axis.yaxis, low, high)
+    axis.grid(axis="y")
+
+
+def _notes(axis, claim: str) -> None:
+    """The two lines are named beside the plot, where no mark can lie under the words."""
+    across = axis.get_yaxis_transform()
+    place = float(axis.lines[1].get_ydata()[0])
+    axis.text(1.015, place, claim.replace(": ", ":\n"), transform=across, va="center", color=style.PINK,
+              fontsize=7.5, linespacing=1.1)
+    axis.text(1.015, 1, "equal", transform=across, va="center", fontsize=7.5)
+
+
+def _scene_names(axis, numbers: pd.DataFrame, narrow: bool) -> None:
+    """Names over the plot, moved apart where scenes are of about one size, each led to its place."""
+    scenes = numbers.drop_duplicates("scene").sort_values("triangles")
+    to_axis = axis.transScale + axis.transLimits
+    places = [float(to_axis.transform((size, 1))[0]) for size in scenes["triangles"]]
+    moved = style.spread(places, 0.075 if narrow else 0.045, 0.0, 1.0)
+    for name, place, over in zip(scenes["scene"], places, moved, strict=True):
+        axis.plot([place, place, over], [0, 1, 1.03], transform=axis.transAxes, color=style.RULE,
+                  linewidth=0.6, clip_on=False, zorder=0.5)
+        axis.text(over, 1.04, name, transform=axis.transAxes, rotation=38, ha="left", va="bottom",
+                  rotation_mode="anchor", fontsize=7.5)

@@ -1,0 +1,126 @@
+"""Rate and memory against the resolution of the grid's second level."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from harness.figures import style
+from harness.figures.runs import Runs
+
+ORDER = 40
+SECTION = "Resolution of the grid"
+TITLE = "Rate and memory over the resolution of the second level"
+NEEDS = "diffuse runs of one scene on at least three resolutions of the grid"
+SERIES = (("deferred", "total", "-"), ("deferred", "intersect", "--"), ("forward", "total", "-"),
+          ("work-optimal", "intersect", "--"))
+
+
+def select(runs: Runs) -> pd.DataFrame:
+    """Rates of default runs over resolution, for scenes measured at three resolutions or more."""
+    rows = runs.diffuse
+    rows = rows[rows["tracer"].isin({tracer for tracer, _, _ in SERIES}) & (rows["options"] == "")
+                & rows["cells"].notna()]
+    kept = []
+    for _, scene in rows.groupby("scene", sort=False):
+        scene = _one_kind(scene)
+        if scene["cells"].nunique() >= 3:
+            kept.append(scene)
+    return pd.DataFrame([_numbers(run) for _, run in pd.concat(kept).iterrows()]) if kept else pd.DataFrame()
+
+
+def _one_kind(scene: pd.DataFrame) -> pd.DataFrame:
+    """The runs of the intersector and of the top level measured at the most resolutions."""
+    for column in ("intersector", "top"):
+        counts = scene.groupby(column)["cells"].nunique()
+        favourite = {"intersector": "ray-space", "top": 8}[column]
+        chosen = favourite if counts.get(favourite) == counts.max() else counts.idxmax()
+        scene = scene[scene[column] == chosen]
+    return scene.sort_values(["tracer", "cells"]).drop_duplicates(["tracer", "cells"])
+
+
+def _numbers(run: pd.Series) -> dict:
+    rates = {f"{rate}_mrays_per_s{end}": run[f"{rate}{end}"]
+             for rate in ("total", "intersect") for end in ("", "_low", "_high")}
+    return {"scene": run["title"], "tracer": run["tracer"], "intersector": run["intersector"],
+            "grid": run["grid"], "cells_per_axis": int(run["cells"]), **rates,
+            "grid_megabytes": run["grid_megabytes"], "rays": run["rays"], "runs": run["run"]}
+
+
+def caption(runs: Runs, numbers: pd.DataFrame) -> str:
+    """What is held fixed."""
+    names = ", ".join(style.intersector_title(name) for name in numbers["intersector"].unique())
+    grids = sorted({grid.split("/")[0] for grid in numbers["grid"]}, key=int)
+    return (f"Diffuse rays, intersector {names}, {' or '.join(grids)} cells an axis in the first level. The "
+            "horizontal axis counts leaf cells an axis over the whole scene. Solid: the whole trace; dashed: "
+            "the intersection stage alone. Below: bytes of the grid. The dotted line is the paper's 128.")
+
+
+def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
+    """Small multiples: a column a scene with rate over memory (a row a scene on a narrow page)."""
+    scenes = list(dict.fromkeys(numbers["scene"]))
+    if narrow:
+        figure = style.canvas(0.7 + 1.5 * len(scenes), narrow)
+        axes = figure.subplots(len(scenes), 2, squeeze=False, sharex=True, sharey="col")
+    else:
+        figure = style.canvas(3.9, narrow)
+        axes = figure.subplots(2, len(scenes), squeeze=False, sharex=True, sharey="row",
+                               height_ratios=(2, 1)).T
+    for pair, name in zip(axes, scenes, strict=True):
+        scene = numbers[numbers["scene"] == name]
+        _rates(pair[0], scene)
+        _memory(pair[1], scene)
+        pair[0].set_title(name if narrow else name.replace(" (stand-in)", "\n(stand-in)"),
+                          loc="left", fontsize=8)
+    _axes(axes, numbers, narrow)
+    handles, labels = _legend(axes)
+    figure.legend(handles, labels, loc="outside lower center", ncols=2 if narrow else 4)
+    return figure
+
+
+def _rates(axis, scene: pd.DataFrame) -> None:
+    for tracer, rate, line in SERIES:
+        rows = scene[(scene["tracer"] == tracer) & scene[f"{rate}_mrays_per_s"].notna()]
+        if rows.empty:
+            continue
+        colour, marker = style.of_tracer(tracer)
+        part = "total" if rate == "total" else "intersection"
+        axis.errorbar(rows["cells_per_axis"], rows[f"{rate}_mrays_per_s"], label=f"{tracer}, {part}",
+                      yerr=style.errors(rows, f"{rate}_mrays_per_s"), color=colour, marker=marker,
+                      linestyle=line, markersize=3.5, elinewidth=0.8, linewidth=1.2,
+                      markerfacecolor=colour if rate == "total" else style.PAGE)
+
+
+def _memory(axis, scene: pd.DataFrame) -> None:
+    rows = scene.drop_duplicates("cells_per_axis").sort_values("cells_per_axis")
+    axis.plot(rows["cells_per_axis"], rows["grid_megabytes"], color=style.MUTED, marker=".", markersize=5)
+
+
+def _axes(axes, numbers: pd.DataFrame, narrow: bool) -> None:
+    """Scales, ticks and titles; the outer axes alone are labelled."""
+    cells = sorted(numbers["cells_per_axis"].unique())
+    ticks = cells if len(cells) <= 4 else cells[::2]
+    paper = 128
+    for axis in axes.ravel():
+        axis.set_xscale("log", base=2)
+        axis.set_yscale("log")
+        axis.set_xticks(ticks, [str(cell) for cell in ticks], rotation=0)
+        axis.grid(axis="y")
+        axis.axvline(paper, color=style.PINK, linewidth=0.9, linestyle=":", zorder=0.5)
+    for row in axes:
+        for axis in row:
+            style.log_axis(axis.yaxis, *axis.get_ylim())
+    outer = axes[:, :1].ravel() if narrow else axes[:1, 0]
+    for axis in outer:
+        axis.set_ylabel("million rays/s")
+    for axis in axes[:, 1] if narrow else axes[:1, 1]:
+        axis.set_ylabel("grid (MB)")
+    for axis in axes[-1, :] if narrow else axes[:, 1]:
+        axis.set_xlabel("cells per axis" if narrow or len(axes) > 3 else "leaf cells per axis")
+
+
+def _legend(axes):
+    found = {}
+    for axis in axes[:, 0]:
+        handles, labels = axis.get_legend_handles_labels()
+        found.update(dict(zip(labels, handles, strict=True)))
+    return list(found.values()), list(found)

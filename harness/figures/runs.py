@@ -1,0 +1,221 @@
+"""Records as a table: one row a run, rates in millions of rays a second, and the selections figures share."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import pandas as pd
+
+from harness.data import STAGES
+from harness.errors import DefrayError
+from harness.stats import interval, rates_of, ratio
+
+PUBLISHED = Path(__file__).parents[1] / "paper" / "published.toml"
+RATES = ("traverse", "intersect", "total")
+WORKLOAD = ["scene", "view", "rays", "seed"]
+SAME_WORK = [*WORKLOAD, "grid"]
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """What a report is drawn from: the latest record of each run, and what stands beside them."""
+
+    records: list[dict]
+    folder: Path
+    device: str
+    published: dict = field(default_factory=dict)
+
+    @cached_property
+    def all(self) -> pd.DataFrame:
+        """Every run, in the paper's order of scenes."""
+        rows = pd.DataFrame([row_of(record, self.scene_title) for record in self.records])
+        rows["place"] = [self.scene_place(name) for name in rows["scene"]]
+        return rows.sort_values(["place", "triangles", "scene"], kind="stable").reset_index(drop=True)
+
+    @cached_property
+    def valid(self) -> pd.DataFrame:
+        """Runs whose hits were checked and found right, on the report's device: all that figures draw."""
+        rows = self.all
+        here = (rows["device"] == self.device) | (rows["tracer"] == "embree")
+        return rows[(rows["valid"]) & here].reset_index(drop=True)
+
+    @cached_property
+    def diffuse(self) -> pd.DataFrame:
+        """Valid diffuse runs, at each scene's most measured view, ray count and seed."""
+        return main_workload(self.valid[self.valid["kind"] == "diffuse"])
+
+    @cached_property
+    def paper(self) -> pd.DataFrame:
+        """Diffuse runs on the paper's grid, 8 and 128 cells an axis over the whole scene."""
+        rows, grid = self.diffuse, self.published["paper"]
+        here = (rows["top"] == grid["top"]) & (rows["leaf"] == grid["leaf"]) & (rows["reading"] == "total")
+        return rows[here].reset_index(drop=True)
+
+    @cached_property
+    def scenes(self) -> pd.DataFrame:
+        """One row a scene: name, title, source, triangles."""
+        columns = ["scene", "title", "source", "triangles"]
+        return self.all[columns].drop_duplicates("scene").reset_index(drop=True)
+
+    def view_file(self, scene: str) -> Path:
+        """Where the picture of a scene's view is, if it was made."""
+        return self.folder / "views" / f"{scene}.png"
+
+    def published_scene(self, scene: str) -> dict | None:
+        """What the paper says of this scene."""
+        return next((one for one in self.published["scene"] if plain(one["name"]) == plain(scene)), None)
+
+    def scene_title(self, scene: str) -> str:
+        """Name of a scene for people, without its source."""
+        known = self.published_scene(scene)
+        return known["title"] if known else scene
+
+    def scene_place(self, scene: str) -> int:
+        """Position of a scene in the paper's figure 1; scenes it lacks come after."""
+        names = [plain(one["name"]) for one in self.published["scene"]]
+        return names.index(plain(scene)) if plain(scene) in names else len(names)
+
+    def command_of(self, ids) -> list[str]:
+        """The distinct commands that made these runs, in order."""
+        wanted = set(ids)
+        commands = [r.get("command") or "" for r in self.records if r.get("id") in wanted]
+        return list(dict.fromkeys(as_command(command) for command in commands if command))
+
+
+def read_published(path: Path = PUBLISHED) -> dict:
+    """The paper's and others' numbers."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise DefrayError(f"cannot read published numbers {path.name}: {error}") from error
+
+
+def plain(name: str) -> str:
+    """A scene's name without case, spaces and hyphens."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def as_command(command) -> str:
+    """A recorded command as one line."""
+    return command if isinstance(command, str) else " ".join(map(str, command))
+
+
+def latest(records: list[dict]) -> list[dict]:
+    """The last record of each run on each device: a run measured again replaces the earlier one."""
+    kept = {(record["id"], record["machine"].get("device")): record for record in records}
+    return list(kept.values())
+
+
+def row_of(record: dict, scene_title) -> dict:
+    """One record as flat columns; a rate that the run does not have is NaN."""
+    scene, rays, grid = record["scene"], record["rays"], record.get("grid") or {}
+    title = scene_title(scene["name"])
+    row = {
+        "run": record["id"], "scene": scene["name"], "source": scene["source"],
+        "title": f"{title} (stand-in)" if scene["source"] == "stand-in" else title,
+        "triangles": int(scene["triangles"]), "kind": rays["kind"], "rays": int(rays["count"]),
+        "seed": rays.get("seed", 0), "view": record.get("view") or "", "tracer": record["tracer"],
+        "intersector": record.get("intersector") or "", "options": options_text(record.get("options")),
+        "label": label_of(record), "device": record["machine"].get("device") or "",
+        "valid": record.get("valid") is True, "grid": grid_text(grid), "top": grid.get("top"),
+        "leaf": grid.get("leaf"), "reading": grid.get("reading") or "", "cells": resolution_of(grid),
+        "grid_megabytes": bytes_of(grid) / 1e6 if grid else float("nan"),
+        "repetitions": record.get("repetitions"), "record": record,
+    }
+    for name in RATES:
+        rate = (record.get("rate") or {}).get(name) or {}
+        row[name] = megarays(rate.get("median"))
+        row[f"{name}_low"] = megarays(rate.get("low"))
+        row[f"{name}_high"] = megarays(rate.get("high"))
+    return row
+
+
+def megarays(rate: float | None) -> float:
+    """Rays per second as millions a second; NaN for none."""
+    return float("nan") if rate is None else float(rate) / 1e6
+
+
+def options_text(options: dict | None) -> str:
+    """Options as a variant's name writes them."""
+    return ":".join(f"{key}={value}" for key, value in sorted((options or {}).items()))
+
+
+def label_of(record: dict) -> str:
+    """`tracer:intersector:option=value` of a record."""
+    parts = (record["tracer"], record.get("intersector") or "", options_text(record.get("options")))
+    return ":".join(part for part in parts if part)
+
+
+def grid_text(grid: dict) -> str:
+    """`8/128 total`, or nothing where a tracer uses no grid."""
+    return f"{grid['top']}/{grid['leaf']} {grid.get('reading', '')}".strip() if grid else ""
+
+
+def resolution_of(grid: dict) -> float:
+    """Leaf cells an axis over the whole scene; NaN where they differ from place to place."""
+    if grid.get("reading") == "total":
+        return float(grid["leaf"])
+    if grid.get("reading") == "per-cell":
+        return float(grid["top"] * grid["leaf"])
+    return float("nan")
+
+
+def bytes_of(grid: dict) -> float:
+    """All bytes of a grid, whether recorded as a sum or array by array."""
+    size = grid.get("bytes") or 0
+    return float(sum(size.values())) if isinstance(size, dict) else float(size)
+
+
+def main_workload(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows of each scene's most measured view, ray count and seed; a tracer never run there keeps its
+    own most rays (brute force is given fewer)."""
+    kept = []
+    for _, scene in rows.groupby("scene", sort=False):
+        main = tuple(scene.groupby(WORKLOAD[1:], sort=False).size().idxmax())
+        here = pd.Series([tuple(row) for row in scene[WORKLOAD[1:]].values], index=scene.index) == main
+        absent = ~scene["tracer"].isin(scene[here]["tracer"])
+        most = scene["rays"] == scene.groupby("tracer")["rays"].transform("max")
+        kept.append(scene[here | (absent & most)])
+    return pd.concat(kept).reset_index(drop=True) if kept else rows
+
+
+def best(rows: pd.DataFrame, rate: str = "total") -> pd.Series | None:
+    """The run with the highest median rate; None where no run has that rate."""
+    rated = rows[rows[rate].notna()]
+    return None if rated.empty else rated.loc[rated[rate].idxmax()]
+
+
+def stage_rates(record: dict, stage: str) -> list[float]:
+    """Rays per second of each repetition of a stage; empty where the run has none."""
+    seconds = (record.get("samples") or {}).get(stage) or []
+    return rates_of(seconds, record["rays"]["count"]) if seconds and min(seconds) > 0 else []
+
+
+def speedup(record: dict, base: dict, stage: str) -> dict[str, float] | None:
+    """Ratio of two runs' rates of a stage with its 95 % interval; None where either has no rate.
+
+    Repetitions are paired where both runs have as many; else the interval is the quotient of the two
+    runs' own intervals, which is the wider one.
+    """
+    rates, base_rates = stage_rates(record, stage), stage_rates(base, stage)
+    if not rates or not base_rates:
+        return None
+    if len(rates) == len(base_rates):
+        found = ratio(rates, base_rates)
+        return {"ratio": found.median, "ratio_low": found.low, "ratio_high": found.high}
+    one, two = interval(rates), interval(base_rates)
+    return {"ratio": one.median / two.median, "ratio_low": one.low / two.high,
+            "ratio_high": one.high / two.low}
+
+
+def stage_nanoseconds(record: dict) -> dict[str, float]:
+    """Median nanoseconds a ray of each stage, what no stage accounts for as `other`, and the total."""
+    samples, rays = record.get("samples") or {}, record["rays"]["count"]
+    times = {stage: interval(samples[stage]).median / rays * 1e9 if samples.get(stage) else 0.0
+             for stage in STAGES}
+    total = times.pop("total")
+    return {**times, "other": max(0.0, total - sum(times.values())), "total": total}

@@ -1,0 +1,91 @@
+"""Where the time of a ray goes: traverse, arrange, intersect, compact, other."""
+
+from __future__ import annotations
+
+import pandas as pd
+from matplotlib.ticker import MaxNLocator, StrMethodFormatter
+
+from harness.figures import style
+from harness.figures.runs import SAME_WORK, Runs, best, stage_nanoseconds
+
+ORDER = 70
+SECTION = "Time by stage"
+TITLE = "Time of a ray, split by stage"
+NEEDS = "diffuse runs with timed stages"
+MOST_VARIANTS = 6
+TRACERS = ("deferred", "work-optimal", "forward")
+
+
+def select(runs: Runs) -> pd.DataFrame:
+    """Median nanoseconds a ray by stage, for runs on the paper's grid and the fastest deferred run."""
+    rows = []
+    for _, scene in runs.diffuse.groupby("scene", sort=False):
+        paper = runs.paper[runs.paper["scene"] == scene["scene"].iloc[0]]
+        chosen = [run for tracer in TRACERS for run in _variants(paper, tracer)]
+        fastest = best(scene[scene["tracer"] == "deferred"])
+        if fastest is not None and fastest["run"] not in {run["run"] for run in chosen}:
+            chosen.insert(0, fastest)
+        rows += [_numbers(run) for run in chosen]
+    return pd.DataFrame(rows)
+
+
+def _variants(paper: pd.DataFrame, tracer: str) -> list[pd.Series]:
+    """Default runs first, then the fastest others: at most six of the deferred tracer, three of others."""
+    rows = paper[(paper["tracer"] == tracer) & paper["total"].notna()].drop_duplicates([*SAME_WORK, "label"])
+    defaults = rows[rows["options"] == ""]
+    others = rows[rows["options"] != ""].sort_values("total", ascending=False)
+    ordered = pd.concat([defaults, others]).head(MOST_VARIANTS if tracer == "deferred" else 3)
+    return [run for _, run in ordered.iterrows()]
+
+
+def _numbers(run: pd.Series) -> dict:
+    times = stage_nanoseconds(run["record"])
+    return {"scene": run["title"], "variant": run["label"], "tracer": run["tracer"], "grid": run["grid"],
+            **{f"{stage}_ns": value for stage, value in times.items()}, "rays": run["rays"],
+            "runs": run["run"]}
+
+
+def caption(runs: Runs, numbers: pd.DataFrame) -> str:
+    """What other means."""
+    return ("Median nanoseconds a ray: wall-clock time of the whole trace over the number of rays, split by "
+            "the device time of each stage. Other is what no stage accounts for: launches, waiting, and the "
+            "whole of a tracer that has no stages. Each scene has its own axis. Grid 8/128 total unless "
+            "named.")
+
+
+def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
+    """Stacked horizontal bars, a panel a scene."""
+    scenes = [rows for _, rows in numbers.groupby("scene", sort=False)]
+    heights = [len(rows) + 1.9 for rows in scenes]
+    figure = style.canvas(0.55 + 0.17 * sum(heights), narrow)
+    axes = figure.subplots(len(scenes), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for axis, scene in zip(axes, scenes, strict=True):
+        _panel(axis, scene, narrow)
+    axes[-1].set_xlabel("nanoseconds per ray")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3 if narrow else 5)
+    return figure
+
+
+def _panel(axis, scene: pd.DataFrame, narrow: bool) -> None:
+    left = pd.Series(0.0, index=scene.index)
+    places = range(len(scene))
+    for stage, colour in style.STAGE_COLOURS.items():
+        width = scene[f"{stage}_ns"]
+        axis.barh(places, width, left=left, height=0.7, color=colour, label=stage)
+        left = left + width
+    for place, end in zip(places, left, strict=True):
+        axis.annotate(style.three_digits(end), (end, place), (3, 0), textcoords="offset points",
+                      va="center", fontsize=7)
+    axis.set_title(scene["scene"].iloc[0], loc="left", pad=2)
+    axis.set(ylim=(len(scene) - 0.4, -0.6), xlim=(0, left.max() * (1.16 if narrow else 1.09)),
+             yticks=list(places), yticklabels=[_row_name(row, narrow) for row in scene.itertuples()])
+    axis.tick_params(axis="y", length=0, labelsize=6.5 if narrow else 7)
+    axis.grid(axis="x")
+    axis.xaxis.set_major_locator(MaxNLocator(5 if narrow else 8))
+    axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+
+
+def _row_name(row, narrow: bool) -> str:
+    name = row.variant.replace("moller-trumbore", "m-t") if narrow else row.variant
+    return name if row.grid == "8/128 total" else f"{name}\n{row.grid}"

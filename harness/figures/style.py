@@ -1,0 +1,175 @@
+"""The one look of every figure: colours, marks, type, and how a figure becomes a file or part of a page.
+
+The palette is Okabe and Ito's, distinguishable without colour vision; every series also has its own marker.
+In the report each colour becomes a CSS variable, so that a figure follows the page into the dark.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
+
+WIDE, NARROW = 7.2, 3.9  # inches: two columns of a page, and a telephone
+FORMATS = ("svg", "pdf", "png")
+
+INK, MUTED, RULE, BAND, PAGE = "#16181b", "#5d636b", "#d5d8dc", "#f1f3f5", "#fffffe"
+BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY = (
+    "#0072b2", "#e69f00", "#009e73", "#d55e00", "#b8568f", "#56b4e9", "#8b9097")
+TOKENS = {INK: "ink", MUTED: "muted", RULE: "rule", BAND: "band", PAGE: "page", BLUE: "blue",
+          ORANGE: "orange", GREEN: "green", RED: "red", PINK: "pink", SKY: "sky", GREY: "grey"}
+
+TRACER_COLOURS = {"deferred": BLUE, "forward": RED, "work-optimal": ORANGE, "embree": GREEN, "brute": GREY}
+TRACER_MARKERS = {"deferred": "o", "forward": "s", "work-optimal": "D", "embree": "^", "brute": "v"}
+INTERSECTOR_COLOURS = {"ray-space": BLUE, "moller-trumbore": ORANGE}
+INTERSECTOR_MARKERS = {"ray-space": "o", "moller-trumbore": "s"}
+INTERSECTOR_TITLES = {"ray-space": "ray space", "moller-trumbore": "Möller–Trumbore"}
+SPARE = ((PINK, "P"), (SKY, "X"), (GREEN, "^"), (GREY, "v"))
+STAGE_COLOURS = {"traverse": SKY, "arrange": ORANGE, "intersect": BLUE, "compact": GREEN, "other": GREY}
+
+RC = {
+    "font.family": "DejaVu Sans", "font.size": 8, "axes.titlesize": 8.5, "axes.labelsize": 8,
+    "xtick.labelsize": 7.5, "ytick.labelsize": 7.5, "legend.fontsize": 7.5, "axes.titleweight": "bold",
+    "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": MUTED, "xtick.color": MUTED,
+    "ytick.color": MUTED, "xtick.labelcolor": INK, "ytick.labelcolor": INK, "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.major.size": 3, "ytick.major.size": 3,
+    "xtick.minor.size": 0, "ytick.minor.size": 0, "grid.color": RULE, "grid.linewidth": 0.5,
+    "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False, "axes.facecolor": PAGE,
+    "figure.facecolor": PAGE, "savefig.facecolor": PAGE, "legend.frameon": False, "lines.linewidth": 1.4,
+    "lines.markersize": 5, "errorbar.capsize": 2, "hatch.linewidth": 0.6,
+    "figure.dpi": 200, "savefig.dpi": 200, "text.hinting": "none", "figure.constrained_layout.w_pad": 0.06,
+    "svg.hashsalt": "defray", "svg.fonttype": "path", "pdf.fonttype": 42, "path.simplify": False,
+}
+
+
+@contextmanager
+def style():
+    """Draw and save inside this; nothing of the caller's matplotlib settings leaks in or out."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(RC)
+        yield
+
+
+def canvas(height: float, narrow: bool) -> Figure:
+    """An empty figure of the standard width; `height` in inches."""
+    return Figure(figsize=(NARROW if narrow else WIDE, height), layout="constrained")
+
+
+def settle(figure: Figure) -> Figure:
+    """Lay the figure out once and hold it there, rounded.
+
+    The solver behind constrained layout visits constraints in the order of memory addresses, so its results
+    differ in the last digits from draw to draw; rounded, they do not.
+    """
+    for _ in range(2):
+        figure.get_layout_engine().execute(figure)
+    figure.set_layout_engine("none")
+    for axis in figure.axes:
+        axis.set_position([round(float(number), 4) for number in axis.get_position(original=True).bounds])
+    return figure
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write `stem`.svg, .pdf and .png, without a date, so that a redraw is the same bytes."""
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+    paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in FORMATS]
+    for path in paths:
+        figure.savefig(path, format=path.suffix[1:], metadata=undated[path.suffix[1:]])
+    return paths
+
+
+def svg_text(figure: Figure) -> str:
+    """The figure as SVG, as `save` writes it."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    return buffer.getvalue()
+
+
+def inline_svg(text: str, name: str) -> str:
+    """SVG to set into a page: no prolog, ids prefixed by `name`, colours as CSS variables."""
+    text = text[text.index("<svg"):]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'href="#', f'href="#{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
+    for colour, token in TOKENS.items():
+        text = text.replace(colour, f"var(--{token})")
+    return text.strip()
+
+
+def of_intersector(name: str | None, number: int = 0) -> tuple[str, str]:
+    """Colour and marker of an intersector; unknown ones take spare pairs in turn."""
+    if name in INTERSECTOR_COLOURS:
+        return INTERSECTOR_COLOURS[name], INTERSECTOR_MARKERS[name]
+    return SPARE[number % len(SPARE)]
+
+
+def of_tracer(name: str) -> tuple[str, str]:
+    """Colour and marker of a tracer."""
+    return TRACER_COLOURS.get(name, PINK), TRACER_MARKERS.get(name, "P")
+
+
+def intersector_title(name: str | None) -> str:
+    """Name of an intersector for people; empty where a tracer has none."""
+    return INTERSECTOR_TITLES.get(name, name or "")
+
+
+def three_digits(value: float) -> str:
+    """A measured value: three significant digits with their zeros, `4.00`, `0.140`; whole thousands."""
+    if abs(value) >= 1000:
+        return f"{value:,.0f}"
+    return f"{value:#.3g}".rstrip(".") if abs(value) >= 1e-3 else f"{value:.2g}"
+
+
+def short_number(value: float) -> str:
+    """Three significant digits, no exponent, thousands as k, M or G: `0.58`, `4.73`, `142`, `3.54M`."""
+    for size, unit in ((1e9, "G"), (1e6, "M"), (1e4, "k")):
+        if abs(value) >= size:
+            return _digits(value / (1e3 if unit == "k" else size)) + unit
+    return _digits(value)
+
+
+def _digits(value: float) -> str:
+    if value == 0:
+        return "0"
+    if abs(value) < 1e-3:
+        return f"{value:.2g}"
+    text = f"{value:.3g}"
+    return f"{value:.0f}" if "e" in text else text
+
+
+def log_axis(axis, low: float, high: float, sparse: bool = False) -> None:
+    """Labelled ticks for a logarithmic axis of this range: 1-2-5 for short ranges, decades for long ones."""
+    subs = (1.0, 2.0, 5.0) if high / low < (20 if sparse else 200) else (1.0,)
+    axis.set_major_locator(LogLocator(base=10, subs=subs, numticks=30))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: short_number(value)))
+    axis.set_minor_formatter(NullFormatter())
+    axis.set_minor_locator(FixedLocator([]))
+
+
+def spread(places: list[float], gap: float, low: float, high: float) -> list[float]:
+    """Positions near `places` (ascending), at least `gap` apart, inside [low, high] when they fit."""
+    moved = list(places)
+    for _ in range(200):
+        for one, two in zip(range(len(moved) - 1), range(1, len(moved)), strict=True):
+            lack = gap - (moved[two] - moved[one])
+            if lack > 1e-9:
+                moved[one] -= lack / 2
+                moved[two] += lack / 2
+        moved = [min(max(place, low), high) for place in moved]
+    return moved
+
+
+def errors(numbers, value: str):
+    """Distances from `value` down to `value_low` and up to `value_high`, as matplotlib wants them."""
+    down = (numbers[value] - numbers[f"{value}_low"]).clip(lower=0).fillna(0)
+    up = (numbers[f"{value}_high"] - numbers[value]).clip(lower=0).fillna(0)
+    return [down.to_numpy(dtype=float), up.to_numpy(dtype=float)]

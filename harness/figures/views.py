@@ -1,0 +1,69 @@
+"""Figure 1, top: the view of each scene, ambient occlusion by our own tracer."""
+
+from __future__ import annotations
+
+import math
+
+import matplotlib.image
+import pandas as pd
+from matplotlib.patches import Rectangle
+
+from harness.figures import style
+from harness.figures.runs import Runs
+
+ORDER = 10
+SECTION = "Figure 1 of the paper"
+TITLE = "Views"
+NEEDS = "any run, and the pictures in views/"
+
+
+def select(runs: Runs) -> pd.DataFrame:
+    """Each scene with its size and whether its picture exists."""
+    scenes = runs.scenes
+    counts = scenes["scene"].map(runs.all.groupby("scene")["run"].agg(" ".join))
+    drawn = [runs.view_file(name).is_file() for name in scenes["scene"]]
+    return pd.DataFrame({"scene": scenes["title"], "source": scenes["source"],
+                         "triangles": scenes["triangles"], "picture": drawn, "name": scenes["scene"],
+                         "runs": counts})
+
+
+def caption(runs: Runs, numbers: pd.DataFrame) -> str:
+    """What the panels show."""
+    text = "Figure 1, top. The scenes' views, shaded by ambient occlusion."
+    if (numbers["source"] == "stand-in").any():
+        text += " A stand-in is generated geometry of about the original's size and kind, not the original."
+    return text
+
+
+def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
+    """One panel a scene, five in a row (two on a narrow page)."""
+    columns = 2 if narrow else max(3, min(5, len(numbers)))
+    rows = math.ceil(len(numbers) / columns)
+    figure = style.canvas(rows * (2.25 if narrow else 7.2 / columns + 0.35), narrow)
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes:
+        axis.set_axis_off()
+    pictures = [_picture(runs.view_file(name)) for name in numbers["name"]]
+    shape = next((picture.shape for picture in pictures if picture is not None), (3, 4))
+    for axis, row, picture in zip(axes, numbers.itertuples(), pictures, strict=False):
+        _panel(axis, row, picture, shape[0] / shape[1])
+    return figure
+
+
+def _picture(path):
+    return matplotlib.image.imread(path) if path.is_file() else None
+
+
+def _panel(axis, row, picture, height: float) -> None:
+    """A picture, or an empty field of the others' shape, under its name and over its size."""
+    axis.set_anchor("N")
+    name, _, kind = row.scene.partition(" (")
+    axis.set_title(f"{name}\n" + (f"({kind}" if kind else " "), pad=3, linespacing=1.05)
+    size = f"{style.short_number(row.triangles)} triangles"
+    if picture is not None:
+        axis.imshow(picture, interpolation="antialiased", cmap="gray")
+    else:
+        axis.set(xlim=(0, 1), ylim=(0, height), aspect="equal")
+        axis.add_patch(Rectangle((0, 0), 1, height, facecolor=style.BAND, edgecolor="none"))
+        axis.text(0.5, height / 2, "view not\nrendered", ha="center", va="center", color=style.MUTED)
+    axis.text(0.5, -0.03, size, ha="center", va="top", color=style.MUTED, transform=axis.transAxes)

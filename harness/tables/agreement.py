@@ -1,0 +1,39 @@
+"""How every run's hits compare with the reference's."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from harness.figures.runs import Runs
+
+ORDER = 80
+SECTION = "Correctness and work"
+TITLE = "Agreement of hits with the reference"
+NEEDS = "any run"
+COUNTS = ("same", "tie", "t_off", "wrong", "missed", "phantom", "reference_wrong", "settled", "nonfinite")
+
+
+def select(runs: Runs) -> pd.DataFrame:
+    """One row a run, failed ones too."""
+    return pd.DataFrame([_numbers(run) for _, run in runs.all.iterrows()])
+
+
+def _numbers(run: pd.Series) -> dict:
+    agreement = run["record"].get("agreement") or {}
+    error = agreement.get("t_relative_error") or {}
+    counts = {name: agreement.get(name) for name in COUNTS}
+    counts["settled_exactly"] = counts.pop("settled")
+    return {"scene": run["title"], "variant": run["label"], "grid": run["grid"], "kind": run["kind"],
+            "reference": agreement.get("reference"), "rays": agreement.get("rays"), **counts,
+            "worst_band_ulp": agreement.get("worst_band_ulp"), "largest_t_error": error.get("max"),
+            "valid": run["valid"], "run": run["run"]}
+
+
+def caption(runs: Runs, numbers: pd.DataFrame) -> str:
+    """What each class is."""
+    return ("Each ray falls in one class. Same: the reference's primitive and its t; tie: another primitive "
+            "at the same t within the bound; t off: the right primitive, t beyond the bound; wrong: another "
+            "primitive farther away or nearer; missed: the reference hit, the run did not; phantom: the "
+            "other way round. Disputed rays are settled in exact arithmetic: reference wrong counts those "
+            "where the run was right. Worst band: how near an edge, in units in the last place, a "
+            "disputed ray passed at most. A run that is not valid has no rate and is in no figure.")

@@ -1,0 +1,32 @@
+"""The grids the runs used: size, memory, time to build."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from harness.figures.runs import Runs, bytes_of
+
+ORDER = 95
+SECTION = "Correctness and work"
+TITLE = "Grids"
+NEEDS = "runs on a grid"
+
+
+def select(runs: Runs) -> pd.DataFrame:
+    """One row a scene and grid."""
+    rows = runs.valid[runs.valid["grid"] != ""].drop_duplicates(["scene", "grid"])
+    return pd.DataFrame([_numbers(run) for _, run in rows.iterrows()])
+
+
+def _numbers(run: pd.Series) -> dict:
+    grid = run["record"]["grid"]
+    references, triangles = grid.get("references"), run["triangles"]
+    return {"scene": run["title"], "triangles": triangles, "grid": run["grid"], "cells": grid.get("cells"),
+            "nonempty": grid.get("nonempty"), "references": references,
+            "references_per_triangle": references / triangles if references and triangles else None,
+            "megabytes": bytes_of(grid) / 1e6, "build_seconds": grid.get("build_seconds")}
+
+
+def caption(runs: Runs, numbers: pd.DataFrame) -> str:
+    """When the build is timed."""
+    return "A grid is built once and shared by the runs that use it; no rate includes its build."
