@@ -2,7 +2,8 @@
 
 Classes: `same`; `tie`, another primitive at the same t; `t_off`, the right primitive with an inaccurate t;
 `wrong`, another primitive at another t; `missed`, no hit where there is one; `phantom`, a hit where there is
-none. Distances are in local ulp, 2^-24 * max|vertex - origin|: what float32 resolves of a triangle from there.
+none. Distances are in local ulp, 2^-24 * max|vertex - origin|: what float32 resolves of a triangle from
+there.
 """
 
 from __future__ import annotations
@@ -24,11 +25,9 @@ from harness.oracle import Oracle, Truth
 #
 # An honest float32 test errs by up to 1 (ray space) or 520 ulp (Moller-Trumbore, at a sliver's short edge),
 # but by no more than 1.7 ulp times the condition: longest edge / (edge * sine of its angle with the ray).
-# Likewise its t is off the plane by no more than 4 ulp times the aspect (longest edge squared / twice the area).
+# Likewise its t is off the plane by no more than 4 ulp times the aspect (longest edge squared / twice area).
 BAND_ULP = 64.0  # an error of up to so many local ulp is rounding at a silhouette
-BAND_CONDITIONED = (
-    16.0  # and so is one of up to so many ulp times condition or aspect: 4 times the worst seen
-)
+BAND_CONDITIONED = 16.0  # and so is one of up to so many ulp times condition or aspect: 4 times the worst
 TIE_ULP = 16.0  # two primitives are at the same t within so much: two honest t, each off by 8
 T_RESIDUAL_ULP = 64.0  # t further off the plane than this is counted as t_off
 T_GROSS_RELATIVE = 1e-3  # a t_off beyond BAND_CONDITIONED voids the run when its relative error exceeds this

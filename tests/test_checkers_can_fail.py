@@ -209,7 +209,7 @@ def test_poisoned_and_all_missed(case, mode):
 
 
 def test_hit_beyond_t_max(case, mode):
-    checker, rows = case.checkers[mode]
+    _, rows = case.checkers[mode]
     short = case.rays[rows]
     limits = short.t_max.copy()
     limits[case.near] = case.hits.t[case.near] * np.float32(0.99)
