@@ -272,9 +272,8 @@ def _print_json(value) -> None:
 def _print_table(table) -> None:
     from rich.console import Console
 
-    console = Console()
-    # Cut columns would make a piped table useless, and a pipe has no width.
-    console.print(table, width=None if console.is_terminal else 140)
+    # A pipe has no width of its own, and folded columns would make the table useless there.
+    Console(width=None if sys.stdout.isatty() else 140).print(table)
 
 
 def _exit_by_checks(records: list[dict]) -> None:

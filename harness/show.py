@@ -57,7 +57,8 @@ def _record_rows(record: dict):
     yield "device", escape(f"{record['machine']['device']}, {record['machine']['platform']}")
     yield "agreement", agreement_text(record["agreement"])
     per_ray = {key: record["counters"][key] / rays["count"] for key in ("steps", "pairs", "tests")}
-    yield "a ray", ", ".join(f"{value:.1f} {key}" for key, value in per_ray.items())
+    if any(per_ray.values()):
+        yield "a ray", ", ".join(f"{value:.1f} {key}" for key, value in per_ray.items())
     for stage in ("traverse", "intersect", "total"):
         if record["rate"][stage]:
             yield stage, rate_text(record["rate"][stage])
@@ -69,39 +70,38 @@ def agreement_text(agreement: dict) -> str:
     """Counts of all classes against the reference."""
     if agreement["reference"] == "none":
         return "[yellow]not checked[/yellow]"
-    counts = [f"{agreement[key]:,} {key.replace('_', '-')}" for key in CLASSES if agreement[key]]
-    return f"{', '.join(counts)} (against {escape(agreement['reference'])})"
+    return f"{class_counts(agreement)} (against {escape(agreement['reference'])})"
+
+
+def class_counts(agreement: dict) -> str:
+    """`63,994 same, 6 tie`: the classes that have any ray."""
+    return (
+        ", ".join(f"{agreement[key]:,} {key.replace('_', '-')}" for key in CLASSES if agreement[key]) or "–"
+    )
+
+
+def interval_text(values: dict, unit: float = 1.0) -> str:
+    """`2.31 (2.28–2.35)` of `{median, low, high}`, each over `unit`."""
+    return f"{values['median'] / unit:.3g} ({values['low'] / unit:.3g}–{values['high'] / unit:.3g})"
 
 
 def comparison_table(result: dict) -> Table:
     """Table of `compare.comparison`."""
+    reference = result["records"][0]["agreement"]["reference"]
     title = f"{result['scene']['name']}, {result['rays']['count']:,} {result['rays']['kind']} rays"
     title += f", grid {result['grid']}" if result["grid"] else ""
-    table = Table(
-        "variant",
-        "rate (95 % interval)",
-        "ratio (95 % interval)",
-        "p",
-        "tests a ray",
-        "agreement",
-        title=escape(title),
-        box=None,
-        title_justify="left",
-    )
+    title += f"; median and 95 % interval; checked against {reference}"
+    table = Table(title=escape(title), box=None, title_justify="left")
+    for name in ("variant", "Mrays/s", "ratio", "p", "tests a ray", "agreement"):
+        table.add_column(name, overflow="fold")
     for row, record in zip(result["rows"], result["records"], strict=True):
-        ratio, p_value = row["ratio"], row["p_value"]
-        if row["variant"] == result["base"]:
-            ratio_text = "1 (base)" if row["valid"] else "–"
-        else:
-            ratio_text = (
-                f"{ratio['median']:.3g} ({ratio['low']:.3g} to {ratio['high']:.3g})" if ratio else "–"
-            )
+        ratio = "1 (base)" if row["valid"] and row["variant"] == result["base"] else "–"
         table.add_row(
             escape(row["variant"]),
-            rate_text(row["rate"]) if row["valid"] else "[red]check failed[/red]",
-            ratio_text,
-            f"{p_value:.3f}" if p_value is not None else "",
-            f"{row['tests_per_ray']:.1f}",
-            agreement_text(record["agreement"]),
+            interval_text(row["rate"], 1e6) if row["rate"] else "[red]check failed[/red]",
+            interval_text(row["ratio"]) if row["ratio"] else ratio,
+            f"{row['p_value']:.3f}" if row["p_value"] is not None else "",
+            f"{row['tests_per_ray']:.1f}" if row["tests_per_ray"] else "–",
+            class_counts(record["agreement"]),
         )
     return table

@@ -104,7 +104,7 @@ def test_compare(defray):
     assert [row["variant"] for row in rows] == ["deferred:ray-space", "forward:moller-trumbore", "embree"]
     assert rows[0]["ratio"] is None and rows[1]["ratio"] == {"median": 1.0, "low": 1.0, "high": 1.0}
     code, out, _ = defray(*arguments)
-    assert code == 0 and "1 (base)" in out and "1 (1 to 1)" in out and "crown" in out
+    assert code == 0 and "1 (base)" in out and "1 (1–1)" in out and "crown" in out
 
 
 def test_compare_ratio_is_of_rates_not_times(defray):
