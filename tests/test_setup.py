@@ -124,3 +124,29 @@ def test_setup_refuses_an_unknown_argument(tmp_path):
     done = set_up(copy_of_setup(tmp_path), "--with-everything")
     assert done.returncode == 1
     assert "--with-everything" in done.stderr
+
+
+FAKE_DEFRAY = """#!/bin/sh
+echo "$@" >>calls
+if [ "$1" = sweep ]; then mkdir -p out; echo '{{}}' >out/records.jsonl; exit {sweep}; fi
+touch out/report.html; exit {report}
+"""
+
+
+@pytest.mark.parametrize(
+    ("sweep", "report", "code", "reported"),
+    [(0, 0, 0, True), (1, 0, 1, True), (3, 1, 3, True), (0, 1, 1, True), (130, 0, 130, False)],
+)
+def test_reproduce_reports_failed_checks_and_still_fails(tmp_path, sweep, report, code, reported):
+    """A sweep whose checks failed is reported and fails; one that was interrupted only fails."""
+    for folder in ("scripts", ".venv/bin"):
+        (tmp_path / folder).mkdir(parents=True)
+    shutil.copy(ROOT / "scripts/reproduce.sh", tmp_path / "scripts")
+    fake = tmp_path / ".venv/bin/defray"
+    fake.write_text(FAKE_DEFRAY.format(sweep=sweep, report=report))
+    fake.chmod(0o755)
+    command = ["bash", "scripts/reproduce.sh", "smoke", "out"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert ("report: out/report.html" in done.stdout) is reported
+    assert "--tier smoke --out out --resume" in (tmp_path / "calls").read_text()
