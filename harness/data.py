@@ -114,6 +114,11 @@ class Hits:
         return b"".join(array.tobytes() for array in (self.t, self.primitive, self.u, self.v))
 
 
+def differing(a: Hits, b: Hits) -> int:
+    """Rays whose t or primitive differ in any bit."""
+    return int(((a.t.view(np.int32) != b.t.view(np.int32)) | (a.primitive != b.primitive)).sum())
+
+
 @dataclass
 class Counters:
     """Exact work counts of an instrumented build.

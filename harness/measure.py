@@ -9,11 +9,9 @@ import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from harness import intersectors, stats, tracers
 from harness.check import Agreement, Checker
-from harness.data import STAGES, Counters, Hits, Rays, Samples, Scene
+from harness.data import STAGES, Counters, Hits, Rays, Samples, Scene, differing
 from harness.embree import EmbreeScene
 from harness.exact import zero_area
 from harness.grid import build_grid
@@ -155,11 +153,6 @@ def _repeat(group: Group, run: Run) -> None:
     if run.tracer.repeatable:
         run.unstable = max(run.unstable, differing(hits, run.hits))
     run.hits = hits
-
-
-def differing(a: Hits, b: Hits) -> int:
-    """Rays whose t or primitive differ in any bit."""
-    return int(((a.t.view(np.int32) != b.t.view(np.int32)) | (a.primitive != b.primitive)).sum())
 
 
 def hits_hash(hits: Hits) -> str:

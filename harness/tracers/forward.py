@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 
 from harness.runtime import cl
 from harness.stopwatch import Stopwatch
