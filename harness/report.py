@@ -101,11 +101,13 @@ def summary(runs: Runs) -> str:
     """What was measured, in one line, without a verdict."""
     sources = runs.scenes["source"]
     stand_ins = int((sources == "stand-in").sum())
-    refused, unfinished = int((~runs.all["valid"]).sum()), len(unfinished_runs(runs))
+    refused = runs.all[~runs.all["valid"]]["record"]
+    unchecked, unfinished = int(refused.map(is_unchecked).sum()), len(unfinished_runs(runs))
     tier = read_json(runs.folder / "sweep.json").get("tier")
     parts = [counted(len(sources), "scene") + (f" ({counted(stand_ins, 'stand-in')})" if stand_ins else ""),
              runs.device or "no OpenCL device", f"tier {tier}" if tier else "", counted(len(runs.all), "run"),
-             counted(refused, "failed check")]
+             counted(len(refused) - unchecked, "failed check")]
+    parts += [f"{counted(unchecked, 'run')} without a check"] if unchecked else []
     parts += [f"{counted(unfinished, 'run')} stopped by an error"] if unfinished else []
     return " · ".join(part for part in parts if part)
 
@@ -122,8 +124,14 @@ def failures(runs: Runs) -> list[dict]:
         what = ", ".join(part for part in (run["title"], run["label"], run["grid"], f"{run['kind']} rays")
                          if part)
         found.append({"what": what, "reason": reason_of(run["record"].get("agreement") or {}),
-                      "command": as_command(run["record"].get("command") or ""), "kind": "check failed"})
+                      "command": as_command(run["record"].get("command") or ""),
+                      "kind": "no check" if is_unchecked(run["record"]) else "check failed"})
     return found + unfinished_runs(runs)
+
+
+def is_unchecked(record: dict) -> bool:
+    """Whether nobody compared the run's hits with anything."""
+    return (record.get("agreement") or {}).get("reference") == "none"
 
 
 def reason_of(agreement: dict) -> str:
@@ -151,13 +159,16 @@ def unfinished_runs(runs: Runs) -> list[dict]:
             entry = {"error": line} if line.strip() else None
         if isinstance(entry, dict) and entry.get("id") not in measured:
             what = name_of_error(entry)
-            found[what] = {"what": what, "reason": str(entry.get("error") or entry.get("message") or entry),
-                           "command": as_command(entry.get("command") or ""), "kind": "error"}
+            reason = str(entry.get("error") or entry.get("message") or entry)
+            found[entry.get("id") or what] = {"what": what, "reason": reason, "kind": "error",
+                                              "command": as_command(entry.get("command") or "")}
     return list(found.values())
 
 
 def name_of_error(entry: dict) -> str:
-    """Scene and variant of an error line, as far as it names them."""
+    """The run of an error line, as far as the line names it."""
+    if entry.get("run"):
+        return str(entry["run"])
     spec = entry.get("spec") if isinstance(entry.get("spec"), dict) else {}
     variant = entry.get("variant") or spec.get("variant") or ""
     if isinstance(variant, dict):
@@ -174,8 +185,15 @@ def notices(runs: Runs) -> list[str]:
         names = ", ".join(sorted(set(elsewhere["device"])))
         found.append(f"{counted(len(elsewhere), 'run')} on other devices ({names}): in the table of "
                      "agreement and drawn nowhere.")
-    if (runs.all["repetitions"] == 1).any():
-        found.append("Some runs have a single repetition: their intervals have no width and say nothing.")
+    planned = read_json(runs.folder / "sweep.json").get("runs")
+    if isinstance(planned, int) and planned > len(runs.all):
+        found.append(f"{len(runs.all):,} of {planned:,} planned runs are on file.")
+    if runs.grid != runs.paper_grid:
+        found.append(runs.grid_note())
+    single = sorted(set(runs.all[runs.all["repetitions"] == 1]["tracer"]))
+    if single:
+        found.append(f"Runs with a single repetition ({', '.join(single)}) have intervals without width, "
+                     "which say nothing of their spread.")
     if runs.all["record"].map(lambda record: record.get("dirty")).any():
         found.append("Some runs were made from a working tree with uncommitted changes.")
     return found
@@ -272,5 +290,7 @@ def cell(row: pd.Series, name: str) -> str:
 
 
 def digits(value: float) -> str:
-    """Three significant digits; an exponent only for the very small."""
-    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    """Three significant digits, four from a hundred up; an exponent only for the very small."""
+    if value == 0 or abs(value) >= 100:
+        return f"{value:,.0f}" if value == 0 or abs(value) >= 1000 else f"{value:.4g}"
+    return style.three_digits(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.figures import style
-from harness.figures.runs import Runs, best
+from harness.figures.runs import Runs, best, rays_note
 
 ORDER = 50
 SECTION = "End to end"
@@ -18,7 +18,7 @@ def select(runs: Runs) -> pd.DataFrame:
     rows = []
     for _, scene in runs.diffuse.groupby("scene", sort=False):
         usual = scene["rays"].mode().max()
-        for series, run in _chosen(scene, runs.published["paper"]):
+        for series, run in _chosen(scene, runs.grid):
             rows.append({"scene": run["title"], "series": series, "tracer": run["tracer"],
                          "variant": run["label"], "grid": run["grid"], "rays": run["rays"],
                          "fewer_rays": bool(run["rays"] < usual), "total_mrays_per_s": run["total"],
@@ -27,12 +27,12 @@ def select(runs: Runs) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _chosen(scene: pd.DataFrame, paper: dict) -> list[tuple[str, pd.Series]]:
-    """Fastest deferred, the paper's deferred by intersector, fastest forward, each Embree, brute force."""
+def _chosen(scene: pd.DataFrame, grid: str) -> list[tuple[str, pd.Series]]:
+    """Fastest deferred, default deferred by intersector, fastest forward, each Embree, brute force."""
     of = dict(tuple(scene.groupby("tracer", sort=False)))
     empty = scene.iloc[:0]
     found = [("deferred, fastest", best(of.get("deferred", empty)))]
-    found += _paper_settings(of.get("deferred", empty), paper)
+    found += _default_settings(of.get("deferred", empty), grid)
     found += [("forward, fastest", best(of.get("forward", empty)))]
     found += [(embree_title(name), best(rows))
               for name, rows in of.get("embree", empty).groupby("options", sort=False)]
@@ -42,10 +42,9 @@ def _chosen(scene: pd.DataFrame, paper: dict) -> list[tuple[str, pd.Series]]:
     return [(name, run) for name, run in found if run is not None]
 
 
-def _paper_settings(rows: pd.DataFrame, paper: dict) -> list[tuple[str, pd.Series | None]]:
-    here = rows[(rows["options"] == "") & (rows["reading"] == "total") & (rows["top"] == paper["top"])
-                & (rows["leaf"] == paper["leaf"])]
-    return [(f"deferred 8/128, {style.intersector_title(name)}", best(one))
+def _default_settings(rows: pd.DataFrame, grid: str) -> list[tuple[str, pd.Series | None]]:
+    here = rows[(rows["options"] == "") & (rows["grid"] == grid)]
+    return [(f"deferred {grid.removesuffix(' total')}, {style.intersector_title(name)}", best(one))
             for name, one in here.groupby("intersector", sort=False)]
 
 
@@ -63,7 +62,8 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """How the lines were chosen."""
     text = ("Rays a second from rays to hits, diffuse rays, 95 % intervals, logarithmic axis. "
             "Fastest: the highest median over all measured intersectors, options and grids (named in the "
-            "table); 8/128: the paper's grid and the tracer's default options. ")
+            f"table); {runs.grid.removesuffix(' total')}: the tracer's default options. {runs.grid_note()} "
+            f"{rays_note(numbers)} ")
     if numbers["tracer"].eq("embree").any():
         text += "Embree runs on all cores of this machine's CPU. "
     if numbers["fewer_rays"].any():
@@ -114,7 +114,7 @@ def _dot(axis, row, place: float) -> None:
     value = row.total_mrays_per_s
     if value < axis.get_xlim()[0]:
         axis.annotate(f"◂ {style.three_digits(value)}", (0, place), (2, 0), va="center", fontsize=7,
-                      color=colour, xycoords=axis.get_yaxis_transform(), textcoords="offset points")
+                      color=style.MUTED, xycoords=axis.get_yaxis_transform(), textcoords="offset points")
         return
     ends = [value if pd.isna(end) else end for end in (row.total_mrays_per_s_low, row.total_mrays_per_s_high)]
     axis.plot(ends, [place, place], color=colour, linewidth=1.6, solid_capstyle="butt")

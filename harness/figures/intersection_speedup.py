@@ -5,12 +5,12 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.figures import style
-from harness.figures.runs import SAME_WORK, Runs, best, speedup
+from harness.figures.runs import SAME_WORK, Runs, best, rays_note, speedup
 
 ORDER = 20
 SECTION = "Figure 1 of the paper"
 TITLE = "Diffuse intersection: speed-up over work-optimal forward intersection"
-NEEDS = "diffuse runs of the deferred and the work-optimal tracer on the paper's grid (8 and 128, total)"
+NEEDS = "diffuse runs of the deferred and the work-optimal tracer, default options, on one grid"
 DEFAULT, STRONGEST = "same intersector", "fastest work-optimal"
 
 
@@ -43,12 +43,12 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """What is divided by what."""
     text = ("Figure 1, middle. Rate of the deferred tracer's intersection stage over that of work-optimal "
             "forward intersection, which is given the cells up to each hit and pays for no traversal. Same "
-            "scene, rays, grid (8³ and 128³ over the scene) and intersector; bars are 95 % intervals; both "
+            "scene, rays, grid and intersector; bars are 95 % intervals; both "
             "axes are logarithmic.")
     if (numbers["baseline"] == STRONGEST).any():
         text += (" Hollow marks divide by the fastest work-optimal variant measured on the scene, any "
                  "intersector and options: the ratio least kind to deferral.")
-    return text + " The paper measured on its own GPU."
+    return f"{text} {runs.grid_note()} {rays_note(numbers)} The paper measured on its own GPU."
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):

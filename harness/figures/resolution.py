@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.figures import style
-from harness.figures.runs import Runs
+from harness.figures.runs import Runs, main_workload, rays_note
 
 ORDER = 40
 SECTION = "Resolution of the grid"
@@ -17,11 +17,11 @@ SERIES = (("deferred", "total", "-"), ("deferred", "intersect", "--"), ("forward
 
 def select(runs: Runs) -> pd.DataFrame:
     """Rates of default runs over resolution, for scenes measured at three resolutions or more."""
-    rows = runs.diffuse
+    rows = runs.every_diffuse
     rows = rows[rows["tracer"].isin({tracer for tracer, _, _ in SERIES}) & (rows["options"] == "")
                 & rows["cells"].notna()]
     kept = []
-    for _, scene in rows.groupby("scene", sort=False):
+    for _, scene in main_workload(rows, "cells").groupby("scene", sort=False):
         scene = _one_kind(scene)
         if scene["cells"].nunique() >= 3:
             kept.append(scene)
@@ -52,7 +52,8 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     grids = sorted({grid.split("/")[0] for grid in numbers["grid"]}, key=int)
     return (f"Diffuse rays, intersector {names}, {' or '.join(grids)} cells an axis in the first level. The "
             "horizontal axis counts leaf cells an axis over the whole scene. Solid: the whole trace; dashed: "
-            "the intersection stage alone. Below: bytes of the grid. The dotted line is the paper's 128.")
+            "the intersection stage alone. Below: bytes of the grid. The dotted line is the paper's 128. "
+            f"{rays_note(numbers)}")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):

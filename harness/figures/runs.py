@@ -44,16 +44,38 @@ class Runs:
         return rows[(rows["valid"]) & here].reset_index(drop=True)
 
     @cached_property
+    def every_diffuse(self) -> pd.DataFrame:
+        """Valid diffuse runs of any number of rays."""
+        return self.valid[self.valid["kind"] == "diffuse"].reset_index(drop=True)
+
+    @cached_property
     def diffuse(self) -> pd.DataFrame:
-        """Valid diffuse runs, at each scene's most measured view, ray count and seed."""
-        return main_workload(self.valid[self.valid["kind"] == "diffuse"])
+        """Valid diffuse runs of each scene's main workload: the view, ray count and seed of most variants."""
+        return main_workload(self.every_diffuse)
+
+    @cached_property
+    def paper_grid(self) -> str:
+        """The paper's grid as a grid's name, 8 and 128 cells an axis over the whole scene."""
+        return f"{self.published['paper']['top']}/{self.published['paper']['leaf']} total"
+
+    @cached_property
+    def grid(self) -> str:
+        """The paper's grid if any diffuse run used it, else the grid that most of them used."""
+        grids = self.every_diffuse["grid"]
+        grids = grids[grids != ""]
+        return self.paper_grid if (grids == self.paper_grid).any() or grids.empty else grids.mode().iloc[0]
 
     @cached_property
     def paper(self) -> pd.DataFrame:
-        """Diffuse runs on the paper's grid, 8 and 128 cells an axis over the whole scene."""
-        rows, grid = self.diffuse, self.published["paper"]
-        here = (rows["top"] == grid["top"]) & (rows["leaf"] == grid["leaf"]) & (rows["reading"] == "total")
-        return rows[here].reset_index(drop=True)
+        """Diffuse runs of the main workload on `grid`."""
+        return main_workload(self.every_diffuse[self.every_diffuse["grid"] == self.grid])
+
+    def grid_note(self) -> str:
+        """One sentence: the grid of the runs in `paper`, and a warning where it is not the paper's."""
+        if self.grid == self.paper_grid:
+            return f"Grid {self.grid}, as in the paper."
+        return (f"Grid {self.grid}: nothing was measured on the paper's {self.paper_grid}, so these numbers "
+                "are not its figure's.")
 
     @cached_property
     def scenes(self) -> pd.DataFrame:
@@ -170,17 +192,26 @@ def bytes_of(grid: dict) -> float:
     return float(sum(size.values())) if isinstance(size, dict) else float(size)
 
 
-def main_workload(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows of each scene's most measured view, ray count and seed; a tracer never run there keeps its
-    own most rays (brute force is given fewer)."""
+def main_workload(rows: pd.DataFrame, by: str = "label") -> pd.DataFrame:
+    """Rows of each scene at the view, ray count and seed that have most different values of `by`, then
+    most rays; a tracer never run there keeps its own most rays (brute force is given fewer)."""
     kept = []
     for _, scene in rows.groupby("scene", sort=False):
-        main = tuple(scene.groupby(WORKLOAD[1:], sort=False).size().idxmax())
-        here = pd.Series([tuple(row) for row in scene[WORKLOAD[1:]].values], index=scene.index) == main
-        absent = ~scene["tracer"].isin(scene[here]["tracer"])
+        works = [work for _, work in scene.groupby(WORKLOAD[1:], sort=False)]
+        main = max(works, key=lambda work: (work[by].nunique(), work["rays"].iloc[0]))
+        here = scene.index.isin(main.index)
+        absent = ~scene["tracer"].isin(main["tracer"])
         most = scene["rays"] == scene.groupby("tracer")["rays"].transform("max")
         kept.append(scene[here | (absent & most)])
     return pd.concat(kept).reset_index(drop=True) if kept else rows
+
+
+def rays_note(numbers: pd.DataFrame) -> str:
+    """One sentence: how many rays were traced, and on which scenes fewer or more."""
+    counts = numbers.dropna(subset=["rays"]).groupby("scene", sort=False)["rays"].max().astype(int)
+    usual = counts.mode().max()
+    others = [f"{scene} {count:,}" for scene, count in counts.items() if count != usual]
+    return f"Rays: {usual:,}" + (f" ({', '.join(others)})." if others else ".")
 
 
 def best(rows: pd.DataFrame, rate: str = "total") -> pd.Series | None:

@@ -17,7 +17,7 @@ TRACERS = ("deferred", "work-optimal", "forward")
 
 
 def select(runs: Runs) -> pd.DataFrame:
-    """Median nanoseconds a ray by stage, for runs on the paper's grid and the fastest deferred run."""
+    """Median nanoseconds a ray by stage, for runs on the grid of figure 1 and the fastest deferred run."""
     rows = []
     for _, scene in runs.diffuse.groupby("scene", sort=False):
         paper = runs.paper[runs.paper["scene"] == scene["scene"].iloc[0]]
@@ -49,27 +49,34 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """What other means."""
     return ("Median nanoseconds a ray: wall-clock time of the whole trace over the number of rays, split by "
             "the device time of each stage. Other is what no stage accounts for: launches, waiting, and the "
-            "whole of a tracer that has no stages. Each scene has its own axis. Grid 8/128 total unless "
-            "named.")
+            "whole of a tracer that has no stages. Each scene has its own axis. "
+            f"{runs.grid_note()} Another grid is named under its variant.")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     """Stacked horizontal bars, a panel a scene."""
     scenes = [rows for _, rows in numbers.groupby("scene", sort=False)]
-    heights = [len(rows) + 1.9 for rows in scenes]
+    names = [[_row_name(row, runs.grid, narrow) for row in rows.itertuples()] for rows in scenes]
+    heights = [sum(map(_height, rows)) + 1.9 for rows in names]
     figure = style.canvas(0.55 + 0.17 * sum(heights), narrow)
     axes = figure.subplots(len(scenes), 1, squeeze=False, height_ratios=heights)[:, 0]
-    for axis, scene in zip(axes, scenes, strict=True):
-        _panel(axis, scene, narrow)
+    for axis, scene, rows in zip(axes, scenes, names, strict=True):
+        _panel(axis, scene, rows, narrow)
     axes[-1].set_xlabel("nanoseconds per ray")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3 if narrow else 5)
     return figure
 
 
-def _panel(axis, scene: pd.DataFrame, narrow: bool) -> None:
+def _height(name: str) -> float:
+    """Room for a row, in rows of one line."""
+    return 1.0 if "\n" not in name else 1.6
+
+
+def _panel(axis, scene: pd.DataFrame, names: list[str], narrow: bool) -> None:
     left = pd.Series(0.0, index=scene.index)
-    places = range(len(scene))
+    heights = [_height(name) for name in names]
+    places = [sum(heights[:row]) + height / 2 for row, height in enumerate(heights)]
     for stage, colour in style.STAGE_COLOURS.items():
         width = scene[f"{stage}_ns"]
         axis.barh(places, width, left=left, height=0.7, color=colour, label=stage)
@@ -78,14 +85,17 @@ def _panel(axis, scene: pd.DataFrame, narrow: bool) -> None:
         axis.annotate(style.three_digits(end), (end, place), (3, 0), textcoords="offset points",
                       va="center", fontsize=7)
     axis.set_title(scene["scene"].iloc[0], loc="left", pad=2)
-    axis.set(ylim=(len(scene) - 0.4, -0.6), xlim=(0, left.max() * (1.16 if narrow else 1.09)),
-             yticks=list(places), yticklabels=[_row_name(row, narrow) for row in scene.itertuples()])
-    axis.tick_params(axis="y", length=0, labelsize=6.5 if narrow else 7)
+    axis.set(ylim=(sum(heights) + 0.1, -0.1), xlim=(0, left.max() * (1.16 if narrow else 1.09)),
+             yticks=places, yticklabels=names)
+    axis.tick_params(axis="y", length=0, labelsize=7)
     axis.grid(axis="x")
     axis.xaxis.set_major_locator(MaxNLocator(5 if narrow else 8))
     axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
 
 
-def _row_name(row, narrow: bool) -> str:
-    name = row.variant.replace("moller-trumbore", "m-t") if narrow else row.variant
-    return name if row.grid == "8/128 total" else f"{name}\n{row.grid}"
+def _row_name(row, usual: str, narrow: bool) -> str:
+    name = row.variant
+    if narrow and name.count(":") > 1:
+        tracer, intersector, options = name.split(":", 2)
+        name = f"{tracer}:{intersector}\n{options}"
+    return name if row.grid == usual else f"{name}\n{row.grid}"

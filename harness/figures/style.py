@@ -148,7 +148,7 @@ def _digits(value: float) -> str:
 
 def log_axis(axis, low: float, high: float, sparse: bool = False) -> None:
     """Labelled ticks for a logarithmic axis of this range: 1-2-5 for short ranges, decades for long ones."""
-    subs = (1.0, 2.0, 5.0) if high / low < (20 if sparse else 200) else (1.0,)
+    subs = (1.0, 2.0, 5.0) if high / low < (20 if sparse else 600) else (1.0,)
     axis.set_major_locator(LogLocator(base=10, subs=subs, numticks=30))
     axis.set_major_formatter(FuncFormatter(lambda value, _: short_number(value)))
     axis.set_minor_formatter(NullFormatter())

@@ -8,57 +8,57 @@ import numpy as np
 import pandas as pd
 
 from harness.figures import style
-from harness.figures.runs import Runs
+from harness.figures.runs import Runs, main_workload, rays_note
 
 ORDER = 30
 SECTION = "Figure 1 of the paper"
 TITLE = "Diffuse traversal"
-NEEDS = "diffuse runs of the deferred tracer with 8 and 128 cells an axis"
+NEEDS = "diffuse runs of the deferred tracer with default options"
 PAPER = "paper"
 
 
 def select(runs: Runs) -> pd.DataFrame:
     """Traversal rate of the default deferred tracer for every scene and reading, and the paper's."""
-    rows = []
-    for reading in ("total", "per-cell"):
-        for _, scene in _candidates(runs, reading).groupby("scene", sort=False):
-            rows += [_ours(scene.iloc[0], reading)]
-    names = runs.diffuse.drop_duplicates("scene")
-    for _, scene in names.iterrows():
-        known = runs.published_scene(scene["scene"])
-        if rows and known and "traverse_mrays" in known:
-            rows.append({"scene": scene["title"], "series": PAPER, "reading": "",
-                         "traversal_mrays_per_s": known["traverse_mrays"], "intersector": "", "rays": None,
-                         "source": known["place"], "runs": ""})
+    ours = {"total": runs.grid, "per-cell": runs.paper_grid.replace("total", "per-cell")}
+    if runs.grid != runs.paper_grid:
+        ours = {"": runs.grid}
+    rows = [_ours(run) for grid in ours.values() for _, run in _candidates(runs, grid).iterrows()]
+    for scene in dict.fromkeys(row["name"] for row in rows):
+        known = runs.published_scene(scene)
+        if known and "traverse_mrays" in known:
+            title = next(row["scene"] for row in rows if row["name"] == scene)
+            rows.append({"scene": title, "series": PAPER, "grid": runs.paper_grid, "rays": None,
+                         "traversal_mrays_per_s": known["traverse_mrays"], "intersector": "",
+                         "measured_on": f"its GPU ({known['place']})", "name": scene, "runs": ""})
     return pd.DataFrame(rows)
 
 
-def _candidates(runs: Runs, reading: str) -> pd.DataFrame:
-    """Default deferred runs on 8 and 128 cells; the paper's intersector first, for the walk is the same."""
-    rows, grid = runs.diffuse, runs.published["paper"]
-    here = ((rows["tracer"] == "deferred") & (rows["options"] == "") & (rows["reading"] == reading)
-            & (rows["top"] == grid["top"]) & (rows["leaf"] == grid["leaf"]) & rows["traverse"].notna())
-    chosen = rows[here]
+def _candidates(runs: Runs, grid: str) -> pd.DataFrame:
+    """Default deferred runs on a grid; the paper's intersector first, for the walk is the same."""
+    rows = runs.every_diffuse
+    here = ((rows["tracer"] == "deferred") & (rows["options"] == "") & (rows["grid"] == grid)
+            & rows["traverse"].notna())
+    chosen = main_workload(rows[here])
     order = (chosen["intersector"] != "ray-space").sort_values(kind="stable").index
-    chosen = chosen.loc[order].drop_duplicates("scene")
-    return chosen.sort_index()
+    return chosen.loc[order].drop_duplicates("scene").sort_index()
 
 
-def _ours(run: pd.Series, reading: str) -> dict:
-    return {"scene": run["title"], "series": "ours", "reading": reading,
+def _ours(run: pd.Series) -> dict:
+    return {"scene": run["title"], "series": "ours", "grid": run["grid"], "rays": run["rays"],
             "traversal_mrays_per_s": run["traverse"], "traversal_mrays_per_s_low": run["traverse_low"],
             "traversal_mrays_per_s_high": run["traverse_high"], "intersector": run["intersector"],
-            "rays": run["rays"], "source": run["device"], "runs": run["run"]}
+            "measured_on": run["device"], "name": run["scene"], "runs": run["run"]}
 
 
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """Whose device is whose."""
     text = ("Figure 1, bottom. Rays a second through the traversal stage of the deferred tracer, diffuse "
             "rays, logarithmic axis, with 95 % intervals.")
-    if (numbers["reading"] == "per-cell").any():
+    if numbers["grid"].str.endswith("per-cell").any():
         text += (" The paper's 8³ and 128³ can be read as 128 cells an axis over the scene (total) or inside "
                  "each first-level cell (per cell); both are drawn.")
-    return text + " The paper's rates are from its own GPU, which it does not name: beside ours, not a ratio."
+    return (f"{text} {runs.grid_note()} {rays_note(numbers)} The paper's rates are from its own GPU, which "
+            "it does not name: they stand beside ours and make no ratio with them.")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
@@ -90,8 +90,9 @@ def _series(numbers: pd.DataFrame, device: str) -> list[tuple]:
     ours = {"facecolor": style.BLUE, "edgecolor": style.BLUE}
     finer = {"facecolor": style.SKY, "edgecolor": style.SKY}
     paper = {"facecolor": style.PAGE, "edgecolor": style.PINK, "hatch": "////"}
-    found = [(numbers["reading"] == "total", f"{device}, 128 cells an axis in total", ours),
-             (numbers["reading"] == "per-cell", f"{device}, 128 an axis in each top cell", finer),
+    mine, per_cell = numbers["series"] == "ours", numbers["grid"].str.endswith("per-cell")
+    found = [(mine & ~per_cell, device, ours),
+             (mine & per_cell, f"{device}, 128 cells an axis in each top cell", finer),
              (numbers["series"] == PAPER, "paper (its GPU)", paper)]
     return [one for one in found if one[0].any()]
 

@@ -39,12 +39,13 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     """One panel a scene, five in a row (two on a narrow page)."""
     columns = 2 if narrow else max(3, min(5, len(numbers)))
     rows = math.ceil(len(numbers) / columns)
-    figure = style.canvas(rows * (2.25 if narrow else 7.2 / columns + 0.35), narrow)
+    pictures = [_picture(runs.view_file(name)) for name in numbers["name"]]
+    shape = next((picture.shape for picture in pictures if picture is not None), (3, 4))
+    panel = (style.NARROW if narrow else style.WIDE) / columns - 0.15
+    figure = style.canvas(rows * (panel * shape[0] / shape[1] + 0.6), narrow)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for axis in axes:
         axis.set_axis_off()
-    pictures = [_picture(runs.view_file(name)) for name in numbers["name"]]
-    shape = next((picture.shape for picture in pictures if picture is not None), (3, 4))
     for axis, row, picture in zip(axes, numbers.itertuples(), pictures, strict=False):
         _panel(axis, row, picture, shape[0] / shape[1])
     return figure
@@ -58,7 +59,9 @@ def _panel(axis, row, picture, height: float) -> None:
     """A picture, or an empty field of the others' shape, under its name and over its size."""
     axis.set_anchor("N")
     name, _, kind = row.scene.partition(" (")
-    axis.set_title(f"{name}\n" + (f"({kind}" if kind else " "), pad=3, linespacing=1.05)
+    for text, height, weight in ((name, 14, "bold"), (f"({kind}" if kind else "", 5, "normal")):
+        axis.annotate(text, (0.5, 1), (0, height), xycoords="axes fraction", textcoords="offset points",
+                      ha="center", va="baseline", fontweight=weight)
     size = f"{style.short_number(row.triangles)} triangles"
     if picture is not None:
         axis.imshow(picture, interpolation="antialiased", cmap="gray")

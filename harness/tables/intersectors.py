@@ -14,7 +14,7 @@ NEEDS = "diffuse runs of the deferred tracer with both intersectors on the same 
 
 def select(runs: Runs) -> pd.DataFrame:
     """Ratios of the intersection rate and of the whole, with 95 % intervals."""
-    rows = runs.diffuse[runs.diffuse["tracer"] == "deferred"]
+    rows = runs.every_diffuse[runs.every_diffuse["tracer"] == "deferred"]
     found = []
     for _, pair in rows.groupby([*SAME_WORK, "options"], sort=False):
         sides = {name: pair[pair["intersector"] == name] for name in ("ray-space", "moller-trumbore")}
