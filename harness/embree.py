@@ -55,14 +55,15 @@ class EmbreeScene:
 
     def _trace_piece(self, rays: Rays, hits: Hits) -> None:
         """Trace in one Embree call and write into `hits`, whose arrays are views."""
-        limit = np.where(rays.t_max > 0, rays.t_max, np.float32(0))  # NaN and negative limits hit nothing
+        can_hit = rays.t_max > 0  # NaN and negative limits hit nothing
+        limit = np.where(can_hit, rays.t_max, 0).astype(np.float32)  # embreex overwrites it with t
         found = self._scene.run(
             np.ascontiguousarray(rays.origins, np.float32),
             np.ascontiguousarray(rays.directions, np.float32),
-            np.array(limit, np.float32),  # a copy: embreex overwrites it with t
+            limit,
             output=True,
         )
-        hit = (found["primID"] != MISS) & (limit > 0)
+        hit = (found["primID"] != MISS) & can_hit
         hits.t[hit] = found["tfar"][hit]
         hits.u[hit] = found["u"][hit]
         hits.v[hit] = found["v"][hit]

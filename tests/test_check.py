@@ -105,6 +105,25 @@ def test_tie_on_a_shared_edge_and_on_a_duplicate(mode):
 
 
 @pytest.mark.parametrize("mode", ["embree", "exact"])
+@pytest.mark.parametrize(
+    "gap, tied, gross", [(2.0**-22, 1, False), (2.0**-18, 0, False), (2.0**-14, 0, True)]
+)
+def test_surfaces_close_behind_each_other(mode, gap, tied, gross):
+    """About 3, 50 and 800 local ulp apart: one t, another t within rounding, another t."""
+    behind = SQUARE[:1] + np.array([0, 0, gap], np.float32)
+    mesh = np.concatenate([SQUARE[:1], behind])
+    found = Checker(mesh, rays_of([[0.75, 0.25, 0]], [UP]), mode).check(hits_of([1 + gap], [1]))
+    assert (found.tie, found.wrong, "beyond rounding" in found.reason) == (tied, 1 - tied, gross), found
+
+
+@pytest.mark.parametrize("mode", ["embree", "exact"])
+def test_neighbour_in_the_same_plane_is_no_tie(mode):
+    """The same t, but the ray is far outside the claimed triangle."""
+    found = Checker(SQUARE, rays_of([[0.75, 0.25, 0]], [UP]), mode).check(hits_of([1], [1]))
+    assert found.wrong == 1 and "beyond rounding" in found.reason
+
+
+@pytest.mark.parametrize("mode", ["embree", "exact"])
 def test_both_modes_accept_the_truth(mode):
     mesh = soup()
     for t_max in (INF, np.float32(1e-3), np.float32(0.3)):
@@ -169,6 +188,14 @@ def test_embree_wrong_and_the_run_right():
     found = checker.check(hits)
     assert found.valid and found.reference_wrong == 2 and found.settled >= 2
     assert found.same + found.tie == 2000
+
+
+def test_embree_and_the_run_wrong_alike():
+    """A hit far outside its triangle is settled exactly, whoever shares the error."""
+    checker = Checker(SQUARE, rays_of([[0.75, 0.25, 0], [5, 5, 0]], [UP, UP]))
+    checker.reference[:] = 1
+    found = checker.check(hits_of([1, 1], [1, 1]))
+    assert found.wrong == found.phantom == 1 and found.reference_wrong == 0 and not found.valid
 
 
 def test_settled_rays_are_settled_once(monkeypatch):

@@ -125,6 +125,30 @@ def test_many_blocks_agree_with_the_scan():
         assert (hits[0] == (truth.t_exact, truth.primitive)) if hits else truth == Truth()
 
 
+def test_nearer_hit_in_a_later_batch():
+    """Huge triangles: every block's box holds the origins, so the first batch says nothing of the others."""
+    rng = np.random.default_rng(8)
+    mesh = rng.normal(size=(6000, 3, 3)).astype(np.float32)
+    oracle = Oracle(mesh)
+    for _ in range(10):
+        origin, direction = (rng.normal(size=(2, 3)) * 0.2).astype(np.float32)
+        assert oracle.first_hit(origin, direction, INF) == first_hit(mesh, None, origin, direction, INF)
+
+
+def test_rays_through_vertices_that_float64_misjudges():
+    """Full 24-bit coordinates: edge functions are exactly zero at the vertex, and not so in float64."""
+    rng = np.random.default_rng(9)
+    around = np.exp2(-2) * np.exp(2j * np.pi * np.arange(6) / 6)
+    for _ in range(300):
+        origin, vertex = (1 + rng.random((2, 3))).astype(np.float32)
+        vertex[2] += 1
+        direction = vertex - origin
+        rim = vertex + np.stack([around.real, around.imag, rng.normal(size=6) * 0.1], axis=1)
+        fan = np.stack([np.tile(vertex, (6, 1)), rim, np.roll(rim, 1, axis=0)], axis=1).astype(np.float32)
+        if (direction.astype(np.float64) == vertex.astype(np.float64) - origin).all():
+            assert Oracle(fan).first_hit(origin, direction, INF) == Truth(Fraction(1), tuple(range(6)))
+
+
 def test_axis_rays_on_block_planes():
     mesh = lattice_mesh()
     for axis in range(3):
