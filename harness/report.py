@@ -273,7 +273,7 @@ def heading(column: str) -> str:
 
 
 def cell(row: pd.Series, name: str) -> str:
-    """A value as text: three digits and its interval for a measurement, all digits for a count."""
+    """A value as text: all digits of a count, three and the interval of a measurement, else four."""
     value = row[name]
     if value is None or (not isinstance(value, str) and pd.isna(value)):
         return "–"
@@ -283,6 +283,8 @@ def cell(row: pd.Series, name: str) -> str:
         return "yes" if value else "no"
     if float(value).is_integer() and f"{name}_low" not in row:
         return f"{int(value):,}"
+    if f"{name}_low" not in row:
+        return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     ends = [row.get(f"{name}_low"), row.get(f"{name}_high")]
     interval = "" if any(end is None or pd.isna(end) for end in ends) or ends[0] == ends[1] else \
         f" [{digits(ends[0])}, {digits(ends[1])}]"
@@ -290,7 +292,5 @@ def cell(row: pd.Series, name: str) -> str:
 
 
 def digits(value: float) -> str:
-    """Three significant digits, four from a hundred up; an exponent only for the very small."""
-    if value == 0 or abs(value) >= 100:
-        return f"{value:,.0f}" if value == 0 or abs(value) >= 1000 else f"{value:.4g}"
-    return style.three_digits(value)
+    """Three significant digits with their zeros; zero as it is."""
+    return style.three_digits(value) if value else "0"

@@ -166,6 +166,7 @@ def test_every_figure_has_three_formats_and_every_block_its_numbers(drawn):
         assert len(numbers_of(drawn, name)) > 0, name
 
 
+@pytest.mark.slow
 def test_redraw_is_the_same_bytes(drawn):
     before = {path: path.read_bytes() for path in sorted(drawn.rglob("*")) if path.is_file()}
     write_report(drawn)
@@ -250,6 +251,15 @@ def test_figures_do_not_mix_numbers_of_rays(drawn):
     assert sorted(set(resolution["cells_per_axis"])) == [32, 64, 128, 256, 512]
 
 
+def test_order_of_records_does_not_matter(tmp_path):
+    records = scene_records("sponza")
+    make_folder(tmp_path / "one", records)
+    make_folder(tmp_path / "two", records[::-1])
+    one, two = (read_runs(tmp_path / name) for name in ("one", "two"))
+    for name, module in {**figures(), **tables()}.items():
+        pd.testing.assert_frame_equal(module.select(one), module.select(two), obj=name)
+
+
 def test_another_grid_than_the_papers_is_named(tmp_path):
     grid = (8, 64, "total")
     make_folder(tmp_path, [deferred("sponza", grid=grid),
@@ -274,6 +284,7 @@ def test_stages_add_up_to_the_total(drawn):
     assert parts.sum(axis=1).to_numpy() == pytest.approx(numbers["total_ns"].to_numpy(), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_smoke_tier_with_one_repetition_and_no_sweep(tmp_path):
     records = [record for scene in SMOKE for record in scene_records(scene)]
     for record in records:

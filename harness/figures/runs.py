@@ -15,6 +15,7 @@ from harness.errors import DefrayError
 from harness.stats import interval, rates_of, ratio
 
 PUBLISHED = Path(__file__).parents[1] / "paper" / "published.toml"
+TRACERS = ("deferred", "work-optimal", "forward", "brute", "embree")
 RATES = ("traverse", "intersect", "total")
 WORKLOAD = ["scene", "view", "rays", "seed"]
 SAME_WORK = [*WORKLOAD, "grid"]
@@ -31,10 +32,13 @@ class Runs:
 
     @cached_property
     def all(self) -> pd.DataFrame:
-        """Every run, in the paper's order of scenes."""
+        """Every run, in an order that does not depend on when it was measured: the paper's order of scenes,
+        then kind and number of rays, grid, tracer, intersector, options."""
         rows = pd.DataFrame([row_of(record, self.scene_title) for record in self.records])
         rows["place"] = [self.scene_place(name) for name in rows["scene"]]
-        return rows.sort_values(["place", "triangles", "scene"], kind="stable").reset_index(drop=True)
+        rows["order"] = [order_of(row) for row in rows.itertuples()]
+        by = ["place", "triangles", "scene", "order"]
+        return rows.sort_values(by, kind="stable").drop(columns="order").reset_index(drop=True)
 
     @cached_property
     def valid(self) -> pd.DataFrame:
@@ -154,6 +158,14 @@ def row_of(record: dict, scene_title) -> dict:
         row[f"{name}_low"] = megarays(rate.get("low"))
         row[f"{name}_high"] = megarays(rate.get("high"))
     return row
+
+
+def order_of(row) -> tuple:
+    """Place of a run among those of its scene."""
+    tracer = TRACERS.index(row.tracer) if row.tracer in TRACERS else len(TRACERS)
+    grid = (0, 0) if pd.isna(row.top) else (row.top, row.leaf)
+    return (row.kind != "diffuse", row.kind, -row.rays, row.reading != "total", row.reading, *grid, tracer,
+            row.tracer, row.intersector != "ray-space", row.intersector, row.options)
 
 
 def megarays(rate: float | None) -> float:

@@ -57,8 +57,11 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     if numbers["grid"].str.endswith("per-cell").any():
         text += (" The paper's 8³ and 128³ can be read as 128 cells an axis over the scene (total) or inside "
                  "each first-level cell (per cell); both are drawn.")
-    return (f"{text} {runs.grid_note()} {rays_note(numbers)} The paper's rates are from its own GPU, which "
-            "it does not name: they stand beside ours and make no ratio with them.")
+    text += f" {runs.grid_note()} {rays_note(numbers)}"
+    if (numbers["series"] == PAPER).any():
+        text += (" The paper's rates are from its own GPU, which it does not name: they stand beside ours "
+                 "and make no ratio with them.")
+    return text
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):

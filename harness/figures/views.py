@@ -59,8 +59,8 @@ def _panel(axis, row, picture, height: float) -> None:
     """A picture, or an empty field of the others' shape, under its name and over its size."""
     axis.set_anchor("N")
     name, _, kind = row.scene.partition(" (")
-    for text, height, weight in ((name, 14, "bold"), (f"({kind}" if kind else "", 5, "normal")):
-        axis.annotate(text, (0.5, 1), (0, height), xycoords="axes fraction", textcoords="offset points",
+    for text, above, weight in ((name, 14, "bold"), (f"({kind}" if kind else "", 5, "normal")):
+        axis.annotate(text, (0.5, 1), (0, above), xycoords="axes fraction", textcoords="offset points",
                       ha="center", va="baseline", fontweight=weight)
     size = f"{style.short_number(row.triangles)} triangles"
     if picture is not None:

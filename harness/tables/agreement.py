@@ -31,9 +31,9 @@ def _numbers(run: pd.Series) -> dict:
 
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """What each class is."""
-    return ("Each ray falls in one class. Same: the reference's primitive and its t; tie: another primitive "
-            "at the same t within the bound; t off: the right primitive, t beyond the bound; wrong: another "
-            "primitive farther away or nearer; missed: the reference hit, the run did not; phantom: the "
-            "other way round. Disputed rays are settled in exact arithmetic: reference wrong counts those "
-            "where the run was right. Worst band: how near an edge, in units in the last place, a "
-            "disputed ray passed at most. A run that is not valid has no rate and is in no figure.")
+    return ("Each ray falls in one class. Same: the reference's primitive; tie: another primitive at the "
+            "same t; t off: the right primitive with an inaccurate t; wrong: another primitive at another t; "
+            "missed: no hit where there is one; phantom: a hit where there is none. Settled exactly: disputed rays "
+            "decided by exact arithmetic; reference wrong: those where Embree was wrong and the run right. "
+            "Worst band: how far, in units in the last place, the worst wrong, missed or phantom ray is from "
+            "being right. A run that is not valid has no rate and is in no figure.")
