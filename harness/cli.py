@@ -209,6 +209,22 @@ def sweep(
 
 
 @app.command()
+def views(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a sweep, with its records.jsonl.")],
+    device: DeviceOption = None,
+) -> None:
+    """Render the view of each scene of a sweep by ambient occlusion, for the report."""
+    from harness.device import open_device
+    from harness.record import RecordFile
+    from harness.render import write_views
+
+    records = RecordFile(folder / "records.jsonl").read()
+    names = list(dict.fromkeys(record["scene"]["name"] for record in records if record["view"]))
+    for file in write_views(folder / "views", names, open_device(device)):
+        typer.echo(file)
+
+
+@app.command()
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a sweep, with its records.jsonl.")],
 ) -> None:

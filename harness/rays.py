@@ -118,7 +118,7 @@ def _bounced(scene: Scene, kind: str, count: int, seed: int, view_name: str | No
     parts, found, turn = [], 0, 0
     while found < count:
         primary = primary_rays(view, count, seed, turn)
-        part = bounce(scene, primary, embree.trace(primary).primitive, kind, seed, turn)
+        part, _ = bounce(scene, primary, embree.trace(primary).primitive, kind, seed, turn)
         parts.append(part)
         found += len(part)
         turn += 1
@@ -128,12 +128,15 @@ def _bounced(scene: Scene, kind: str, count: int, seed: int, view_name: str | No
     return Rays(*columns, kind, seed)
 
 
-def bounce(scene: Scene, primary: Rays, primitive: np.ndarray, kind: str, seed: int, turn: int = 0) -> Rays:
-    """One ray from each primary hit: cosine-weighted about the normal that faces the eye.
+def bounce(
+    scene: Scene, primary: Rays, primitive: np.ndarray, kind: str, seed: int, turn: int = 0
+) -> tuple[Rays, np.ndarray]:
+    """One ray from each primary hit, cosine-weighted about the normal that faces the eye, and int64[m], whose.
 
-    `primitive` int32[n] of the primary rays, -1 = miss: those give no ray. The hit point is computed in float64.
+    `primitive` int32[n] of the primary rays, -1 = miss: those give no ray, nor do hits along the surface. The hit
+    point is computed in float64.
     """
-    hit = primitive >= 0
+    hit = np.flatnonzero(primitive >= 0)
     corners = scene.triangles[primitive[hit]].astype(np.float64)
     origin, direction = primary.origins[hit].astype(np.float64), primary.directions[hit].astype(np.float64)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -142,14 +145,14 @@ def bounce(scene: Scene, primary: Rays, primitive: np.ndarray, kind: str, seed: 
         t = np.einsum("ij,ij->i", normal, corners[:, 0] - origin) / facing
         normal = _unit(normal * -np.sign(facing)[:, None])
         point = origin + t[:, None] * direction
-    directions = normal + sphere_points(int(hit.sum()), seed, turn)
+    directions = normal + sphere_points(len(hit), seed, turn)
     usable = np.isfinite(point).all(axis=1) & (np.abs(directions).max(axis=1) > 1e-6)
     point, normal, directions = point[usable], normal[usable], directions[usable]
     reach = np.inf
     if kind == "ambient-occlusion":
         reach = OCCLUSION_REACH * float(np.linalg.norm(np.ptp(scene.triangles.reshape(-1, 3), axis=0)))
     origins = offset_origin(point.astype(np.float32), normal.astype(np.float32))
-    return _rays(origins, _unit(directions), reach, kind, seed)
+    return _rays(origins, _unit(directions), reach, kind, seed), hit[usable]
 
 
 def sphere_points(count: int, seed: int, turn: int = 0) -> np.ndarray:
@@ -207,7 +210,7 @@ def _read_npz(file: Path) -> Rays:
         origins, directions = data["origins"], data["directions"]
         if origins.shape != directions.shape or origins.shape[1:] != (3,):
             raise ValueError(f"origins {origins.shape} and directions {directions.shape} must both be [n,3]")
-        t_max = data["t_max"] if "t_max" in data else np.inf
+        t_max = data.get("t_max", np.inf)
         if np.ndim(t_max) and np.shape(t_max) != origins.shape[:1]:
             raise ValueError(f"t_max {np.shape(t_max)} must be [n]")
     return _rays(origins, directions, t_max, "file", 0)

@@ -12,6 +12,7 @@ sweep=0
 [ -s "$out/records.jsonl" ] || exit "$(( sweep ? sweep : 1 ))"
 
 report=0
+.venv/bin/defray views "$out" >/dev/null || report=$?
 .venv/bin/defray report "$out" || report=$?
 [ -f "$out/report.html" ] && echo "report: $out/report.html"
 [ "$sweep" -eq 0 ] || echo "reproduce: the sweep reported failed checks (exit code $sweep)" >&2

@@ -48,7 +48,7 @@ def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, intersect
     triangles, rays = SCENES[name]
     setting = setting_of(device, triangles, spec)
     expected = hits_of(setting, rays, "brute", intersector)
-    assert 0 < (expected.primitive >= 0).sum()
+    assert (expected.primitive >= 0).any()
     for tracer in GRID_TRACERS:
         hits = hits_of(setting, rays, tracer, intersector)
         assert differing(hits, expected) == 0, tracer
