@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import hashlib
 import random
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -77,13 +78,18 @@ class Group:
         """A new stopwatch on the run's device."""
         return Stopwatch(self.device.queue if run.tracer.needs_device else None)
 
-    def check(self, run: Run) -> Agreement:
-        """Agreement of a run's hits with the reference; repetitions that differ make it invalid."""
+    def check(self, run: Run, runs: Sequence[Run]) -> Agreement:
+        """Agreement of a run's hits with the reference, with its own repetitions and with other tracers."""
         self.tell(run.spec, "check", 0.95)
         agreement = self.shared.checker(run.spec, self.rays).check(run.hits)
         if run.unstable:
             reason = f"{run.unstable} rays changed their hit from one repetition to the next"
-            agreement = dataclasses.replace(agreement, valid=False, reason=reason)
+            return dataclasses.replace(agreement, valid=False, reason=reason)
+        most = most_common(runs, run)
+        differ = differing(run.hits, most.hits)
+        if differ:
+            reason = f"{differ} rays differ from {most.spec.variant}, which they must equal bit for bit"
+            return dataclasses.replace(agreement, valid=False, reason=reason)
         return agreement
 
 
@@ -153,6 +159,16 @@ def _repeat(group: Group, run: Run) -> None:
     if run.tracer.repeatable:
         run.unstable = max(run.unstable, differing(hits, run.hits))
     run.hits = hits
+
+
+def most_common(runs: Sequence[Run], run: Run) -> Run:
+    """A run with the hits that most tracers of the same intersector agree on: the odd one out is at fault."""
+    alike = [other for other in runs if other.tracer.intersector and other.tracer.intersector == run.tracer.intersector]
+    if len(alike) < 2:
+        return run
+    hashes = {id(other): hits_hash(other.hits) for other in alike}
+    shares = Counter(hashes.values())
+    return max(alike, key=lambda other: (shares[hashes[id(other)]], other is run))
 
 
 def hits_hash(hits: Hits) -> str:

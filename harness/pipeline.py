@@ -63,5 +63,5 @@ def run_group(
         warm_up(group, run)
     repeat_interleaved(group, runs)
     for run in runs:
-        agreement = group.check(run)
+        agreement = group.check(run, runs)
         yield run.spec, describe_run(group, run, agreement)
