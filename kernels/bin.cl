@@ -16,15 +16,27 @@ kernel void lay_out_bins(const int cells, global const int *cell_count, global c
         pairs[slot] = -1;
 }
 
+// Counts the recorded encounters of each cell; the count before is the encounter's rank in its bin.
+kernel void rank_pairs(const int active_count, const int slots, global const int *recorded,
+                       global const int *recorded_count, global int *cell_count, global int *rank)
+{
+    const int a = get_global_id(0);
+    if (a >= active_count)
+        return;
+    const size_t first = (size_t)a * slots;
+    for (int k = 0; k < recorded_count[a]; ++k)
+        rank[first + k] = atomic_inc(cell_count + recorded[first + k]);
+}
+
 // Stores recorded encounters at their bin's offset plus their rank.
-kernel void scatter_pairs(const int active_count, global const int *active, const int wave,
-                          global const int2 *recorded, global const int *recorded_count,
+kernel void scatter_pairs(const int active_count, global const int *active, const int slots,
+                          global const int *recorded, global const int *recorded_count, global const int *rank,
                           global const int *chunk_start, global int *pairs)
 {
     const int a = get_global_id(0);
     if (a >= active_count)
         return;
-    global const int2 *slots = recorded + (size_t)a * wave;
+    const size_t first = (size_t)a * slots;
     for (int k = 0; k < recorded_count[a]; ++k)
-        pairs[chunk_start[slots[k].x] * LANES + slots[k].y] = active[a];
+        pairs[chunk_start[recorded[first + k]] * LANES + rank[first + k]] = active[a];
 }

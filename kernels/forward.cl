@@ -20,10 +20,11 @@ kernel void trace_forward(const int count, global const Ray *rays, global ulong 
     const Grid grid = GRID_VALUES;
     const Frame frame = frame_of(rays[i]);
     Walk w = walk_setup(grid, rays[i]);
-    w.cell = unpack_position(positions[i]);
+    walk_to(&w, positions[i]);
     ulong best = keys[i];
     int cells = 0;
-    for (int cell = walk_next(&w, grid); cell != NO_CELL; cell = walk_next(&w, grid)) {
+    uint steps = 0;
+    for (int cell = walk_next(&w, grid, &steps); cell != NO_CELL; cell = walk_next(&w, grid, &steps)) {
         best = test_cell(&frame, triangles, references, cell_start[cell], cell_start[cell + 1], best);
         add_count(COUNT_TESTS, cell_start[cell + 1] - cell_start[cell]);
         add_count(COUNT_LANE_TESTS, LANES * ((cell_start[cell + 1] - cell_start[cell] + LANES - 1) / LANES));
@@ -34,7 +35,7 @@ kernel void trace_forward(const int count, global const Ray *rays, global ulong 
     keys[i] = best;
     visited[i] = cells;
     add_count(COUNT_PAIRS, cells);
-    add_count(COUNT_STEPS, w.steps);
+    add_count(COUNT_STEPS, steps);
 }
 
 // Writes down the first `visited` non-empty cells of each ray, for the work-optimal intersection.
@@ -46,7 +47,8 @@ kernel void record_visited(const int count, global const Ray *rays, GRID_ARGUMEN
         return;
     const Grid grid = GRID_VALUES;
     Walk w = walk_setup(grid, rays[i]);
-    w.cell = unpack_position(positions[i]);
+    walk_to(&w, positions[i]);
+    uint steps = 0;
     for (int k = 0; k < visited[i]; ++k)
-        visited_cell[visited_start[i] + k] = walk_next(&w, grid);
+        visited_cell[visited_start[i] + k] = walk_next(&w, grid, &steps);
 }

@@ -135,8 +135,8 @@ kernel void emit_references(TRIANGLE_ARGUMENTS, global const uint *reference_sta
     uint slot = reference_start[i];
     FOR_EACH_OVERLAPPED_CELL(o, {
         const int3 inner = cell - (cell / LEAF_PER_TOP) * LEAF_PER_TOP;
-        const uint brick = brick_of(top_block[top_of(cell)], inner);
-        const uint bit = bit_of(inner);
+        const uint brick = brick_of(top_block[top_of(cell)], inner.x, inner.y, inner.z);
+        const uint bit = bit_of(inner.x, inner.y, inner.z);
         atomic_or(occupancy + brick, 1u << bit);
         entry_cell[slot] = brick * 32u + bit;
         entry_primitive[slot] = primitive;
@@ -150,7 +150,8 @@ kernel void count_cells(const uint entries, global const uint2 *bricks, global u
     const uint i = get_global_id(0);
     if (i >= entries)
         return;
-    const int cell = cell_number(bricks[entry_cell[i] / 32u], entry_cell[i] % 32u);
+    const uint2 brick = bricks[entry_cell[i] / 32u];
+    const int cell = cell_number(brick.x, brick.y, entry_cell[i] % 32u);
     entry_cell[i] = cell;
     atomic_inc(cell_count + cell);
 }

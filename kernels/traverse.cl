@@ -3,9 +3,13 @@
 #include "common.clh"
 #include "walk.clh"
 
-#define WALK_ARGUMENTS                                                                                      \
-    const int active_count, global const int *active, global const Ray *rays, global const ulong *keys,     \
-        GRID_ARGUMENTS, const int wave
+// Rays that walk together, one a lane, from where they stopped. Lanes without an unfinished ray do not `go`.
+typedef struct {
+    Walk walk;
+    walk_real limit;  // best t so far: a ray stops beyond it
+    walk_int go;
+    walk_int stored;  // non-empty cells met in this wave
+} Group;
 
 // A finished ray has left the grid or has a hit no farther than the cells it has walked.
 inline int ray_finished(ulong position, ulong key, float t_exit)
@@ -13,69 +17,141 @@ inline int ray_finished(ulong position, ulong key, float t_exit)
     return position == LEFT_GRID || key_t(key) <= t_exit;
 }
 
-// Walks up to `wave` non-empty cells of ray `i` and does BODY with each `cell`; a ray stops beyond its best t.
-#define WALK_WAVE(BODY)                                                                                     \
-    const Grid grid = GRID_VALUES;                                                                          \
-    Walk w = walk_setup(grid, rays[i]);                                                                     \
-    w.cell = unpack_position(position);                                                                     \
-    const float limit = key_t(keys[i]);                                                                     \
-    int left = 0;                                                                                           \
-    for (int k = 0; k < wave;) {                                                                            \
-        const int cell = walk_next(&w, grid);                                                               \
-        left = cell == NO_CELL;                                                                             \
-        if (left)                                                                                           \
-            break;                                                                                          \
-        BODY                                                                                                \
-        ++k;                                                                                                \
-        if (limit <= w.t_exit)                                                                              \
-            break;                                                                                          \
-    }                                                                                                       \
-    left |= !walk_inside(&w);
+inline Group load_group(const Grid grid, int first, int active_count, global const int *active,
+                        global const Ray *rays, global const ulong *keys, global const ulong *positions,
+                        global const float *t_exit)
+{
+    float field[8][WALK_LANES];
+    int cell[3][WALK_LANES], go[WALK_LANES];
+    for (int lane = 0; lane < WALK_LANES; ++lane) {
+        const int i = active[min(first + lane, active_count - 1)];
+        const Ray r = rays[i];
+        const ulong position = positions[i], key = keys[i];
+        field[0][lane] = r.ox, field[1][lane] = r.oy, field[2][lane] = r.oz;
+        field[3][lane] = r.dx, field[4][lane] = r.dy, field[5][lane] = r.dz;
+        field[6][lane] = t_exit[i], field[7][lane] = key_t(key);
+        for (int axis = 0; axis < 3; ++axis)
+            cell[axis][lane] = unpack_axis(position, axis);
+        go[lane] = first + lane < active_count && !ray_finished(position, key, t_exit[i]) ? -1 : 0;
+    }
+    Group g;
+    g.walk.x = axis_setup(walk_load(field[0]), walk_load(field[3]), grid.lower.x, grid.inverse_cell.x);
+    g.walk.y = axis_setup(walk_load(field[1]), walk_load(field[4]), grid.lower.y, grid.inverse_cell.y);
+    g.walk.z = axis_setup(walk_load(field[2]), walk_load(field[5]), grid.lower.z, grid.inverse_cell.z);
+    g.walk.x.cell = walk_load(cell[0]), g.walk.y.cell = walk_load(cell[1]), g.walk.z.cell = walk_load(cell[2]);
+    g.walk.t_exit = walk_load(field[6]);
+    g.limit = walk_load(field[7]);
+    g.go = walk_load(go) != 0;
+    g.stored = 0;
+    return g;
+}
 
-#define NEXT_ACTIVE_RAY                                                                                     \
-    const int a = get_global_id(0);                                                                         \
-    if (a >= active_count)                                                                                  \
+// Keeps where each ray stopped, or that it has left the grid.
+inline void save_group(const Group *g, int first, int active_count, global const int *active,
+                       global ulong *positions, global float *t_exit)
+{
+    int cell[3][WALK_LANES], inside[WALK_LANES];
+    float t[WALK_LANES];
+    walk_store(g->walk.x.cell, cell[0]), walk_store(g->walk.y.cell, cell[1]), walk_store(g->walk.z.cell, cell[2]);
+    walk_store(walk_inside(&g->walk), inside);
+    walk_store(g->walk.t_exit, t);
+    for (int lane = 0; lane < WALK_LANES && first + lane < active_count; ++lane) {
+        const int i = active[first + lane];
+        if (positions[i] == LEFT_GRID)
+            continue;
+        positions[i] = inside[lane] ? pack_position(cell[0][lane], cell[1][lane], cell[2][lane]) : LEFT_GRID;
+        t_exit[i] = t[lane];
+    }
+}
+
+// One step of all lanes; returns each lane's non-empty cell or NO_CELL, and stops the lanes that are through.
+inline walk_int group_step(Group *g, const Grid grid, int wave)
+{
+    const walk_int cell = walk_step(&g->walk, grid, g->go);
+    const walk_int met = g->go & (cell >= 0);
+    g->stored += walk_pick((walk_int)(0), (walk_int)(1), met);
+    const walk_int enough = (g->stored >= wave) | (met & (g->limit <= g->walk.t_exit));
+    g->go &= walk_inside(&g->walk) & walk_not(enough);
+    return walk_pick((walk_int)(NO_CELL), cell, met);
+}
+
+#ifdef COUNT_WORK
+inline int count_lanes(walk_int m)
+{
+    int value[WALK_LANES], total = 0;
+    walk_store(m, value);
+    for (int lane = 0; lane < WALK_LANES; ++lane)
+        total += value[lane] != 0;
+    return total;
+}
+#define count_steps(go) add_count(COUNT_STEPS, count_lanes(go))
+#define count_cells_met(cell) add_count(COUNT_PAIRS, count_lanes((cell) >= 0))
+#else
+#define count_steps(go)
+#define count_cells_met(cell)
+#endif
+
+#define WALK_ARGUMENTS                                                                                      \
+    const int active_count, global const int *active, global const Ray *rays, global const ulong *keys,     \
+        GRID_ARGUMENTS, const int wave
+#define LOAD_GROUP                                                                                          \
+    const int first = get_global_id(0) * WALK_LANES;                                                        \
+    if (first >= active_count)                                                                              \
         return;                                                                                             \
-    const int i = active[a];
+    const Grid grid = GRID_VALUES;                                                                          \
+    Group group = load_group(grid, first, active_count, active, rays, keys, positions, t_exit);
 
 // First pass of the two-pass arrangement: counts ray visits to each cell.
 kernel void count_pairs(WALK_ARGUMENTS, global const ulong *positions, global const float *t_exit,
                         global int *cell_count COUNTERS)
 {
-    NEXT_ACTIVE_RAY
-    const ulong position = positions[i];
-    if (ray_finished(position, keys[i], t_exit[i]))
-        return;
-    WALK_WAVE(atomic_inc(cell_count + cell); add_count(COUNT_PAIRS, 1);)
-    add_count(COUNT_STEPS, w.steps);
+    LOAD_GROUP
+    while (walk_any(group.go)) {
+        count_steps(group.go);
+        int cell[WALK_LANES];
+        const walk_int met = group_step(&group, grid, wave);
+        count_cells_met(met);
+        walk_store(met, cell);
+        for (int lane = 0; lane < WALK_LANES; ++lane)
+            if (cell[lane] != NO_CELL)
+                atomic_inc(cell_count + cell[lane]);
+    }
 }
 
 // Second pass: walks again and stores each ray in its cell's bin.
 kernel void pack_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_exit, global int *cursor,
                        global int *pairs)
 {
-    NEXT_ACTIVE_RAY
-    const ulong position = positions[i];
-    if (ray_finished(position, keys[i], t_exit[i]))
-        return;
-    WALK_WAVE(pairs[atomic_inc(cursor + cell)] = i;)
-    positions[i] = left ? LEFT_GRID : pack_position(w.cell);
-    t_exit[i] = w.t_exit;
+    LOAD_GROUP
+    while (walk_any(group.go)) {
+        int cell[WALK_LANES];
+        walk_store(group_step(&group, grid, wave), cell);
+        for (int lane = 0; lane < WALK_LANES; ++lane)
+            if (cell[lane] != NO_CELL)
+                pairs[atomic_inc(cursor + cell[lane])] = active[first + lane];
+    }
+    save_group(&group, first, active_count, active, positions, t_exit);
 }
 
-// Walks once and remembers, for each encounter, the cell and the ray's rank in its bin.
-kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_exit, global int *cell_count,
-                         global int2 *recorded, global int *recorded_count COUNTERS)
+// Walks once and remembers each ray's cells, `wave` + 1 slots a ray: every step stores, a met cell moves on.
+kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_exit, global int *recorded,
+                         global int *recorded_count COUNTERS)
 {
-    NEXT_ACTIVE_RAY
-    const ulong position = positions[i];
-    int stored = 0;
-    if (!ray_finished(position, keys[i], t_exit[i])) {
-        global int2 *slots = recorded + (size_t)a * wave;
-        WALK_WAVE(slots[stored++] = (int2)(cell, atomic_inc(cell_count + cell)); add_count(COUNT_PAIRS, 1);)
-        positions[i] = left ? LEFT_GRID : pack_position(w.cell);
-        t_exit[i] = w.t_exit;
-        add_count(COUNT_STEPS, w.steps);
+    LOAD_GROUP
+    int stored[WALK_LANES];
+    walk_store(group.stored, stored);
+    global int *slots = recorded + (size_t)first * (wave + 1);
+    while (walk_any(group.go)) {
+        count_steps(group.go);
+        int cell[WALK_LANES];
+        const walk_int met = group_step(&group, grid, wave);
+        count_cells_met(met);
+        walk_store(met, cell);
+        for (int lane = 0; lane < WALK_LANES; ++lane)
+            slots[lane * (wave + 1) + stored[lane]] = cell[lane];
+        walk_store(group.stored, stored);
     }
-    recorded_count[a] = stored;
+    for (int lane = 0; lane < WALK_LANES && first + lane < active_count; ++lane)
+        recorded_count[first + lane] = stored[lane];
+    save_group(&group, first, active_count, active, positions, t_exit);
 }

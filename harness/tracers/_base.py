@@ -147,9 +147,9 @@ class DeviceTracer(Tracer):
         """The last argument of an instrumented kernel, nothing for a plain one."""
         return () if self.counters is None else (self.counters,)
 
-    def program(self, *files: str, lanes: int = 1, grid: bool = False) -> Program:
+    def program(self, *files: str, lanes: int = 1, grid: bool = False, walk_lanes: int = 1) -> Program:
         """Build kernel files for this tracer's intersector and, where they walk, its grid."""
-        defines = dict(self.grid.defines) if grid else {}
+        defines = {**self.grid.defines, "WALK_LANES": walk_lanes} if grid else {}
         if self.counters is not None:
             defines["COUNT_WORK"] = 1
         file = self.intersector.file if self.intersector else None

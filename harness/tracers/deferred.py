@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import field_validator
 
 from harness.device import Device
+from harness.intersectors import LANES
 from harness.program import Program
 from harness.runtime import cl
 from harness.stopwatch import Stopwatch
@@ -52,7 +53,7 @@ class Deferred(DeviceTracer):
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """All waves of one batch."""
         queue = self.device.queue
-        walk = self.program("traverse.cl", lanes=1, grid=True)
+        walk = self.program("traverse.cl", grid=True, walk_lanes=self.lanes)
         bins = _Bins(self)
         arrange = _TwoPass if self.options.arrange == "two-pass" else _Record
         active, active_count = cl.array.arange(queue, batch.count, dtype=np.int32), batch.count
@@ -63,6 +64,7 @@ class Deferred(DeviceTracer):
                 bins.clear()
                 arranged.walk()
             with watch.stage("arrange"):
+                arranged.count()
                 bins.lay_out()
                 arranged.scatter()
             if not bins.chunks:
@@ -148,25 +150,37 @@ class _TwoPass:
 
     def __init__(self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int):
         self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
-        self.active_count = active_count
+        self.groups = -(-active_count // tracer.lanes)
         rays = (active_count, active, batch.rays, batch.keys)
         self.arguments = (*rays, *tracer.grid.arguments, tracer.options.cells, batch.positions, batch.t_exit)
 
     def walk(self) -> None:
         """Count ray visits to each cell."""
         counting = self.tracer.counting
-        self.program.launch(
-            "count_pairs", self.active_count, *self.arguments, self.bins.cell_count, *counting
-        )
+        self.program.launch("count_pairs", self.groups, *self.arguments, self.bins.cell_count, *counting)
+
+    def count(self) -> None:
+        """Nothing: the first walk has counted."""
 
     def scatter(self) -> None:
         """Nothing: the second walk stores the pairs."""
 
     def walk_again(self) -> None:
         """Store each ray in the bins of its cells."""
-        self.program.launch(
-            "pack_pairs", self.active_count, *self.arguments, self.bins.cursor, self.bins.pairs
-        )
+        self.program.launch("pack_pairs", self.groups, *self.arguments, self.bins.cursor, self.bins.pairs)
+
+
+class _Segment:
+    """What one recording pass remembers: `cells`, `ranks` int32[count, slots], `lengths` int32[count]."""
+
+    def __init__(self, device: Device, active, count: int, length: int):
+        self.active, self.count, self.slots = active, count, length + 1
+        # The last group of lanes may be partly empty and still writes its first slots.
+        places = (count + max(LANES)) * self.slots
+        if 4 * places > device.max_allocation_bytes:
+            raise BatchTooLarge(f"{8 * places / 2**30:.1f} GiB for its recorded cells")
+        self.cells, self.ranks = (cl.array.empty(device.queue, places, np.int32) for _ in range(2))
+        self.lengths = cl.array.empty(device.queue, count, np.int32)
 
 
 class _Record:
@@ -175,43 +189,44 @@ class _Record:
     def __init__(self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int):
         self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
         self.active, self.active_count = active, active_count
-        self.segments: list[tuple] = []
+        self.segments: list[_Segment] = []
 
     def walk(self) -> None:
         """Record up to `wave` cells a ray; a wave longer than a segment takes several passes."""
         active, count, left = self.active, self.active_count, self.tracer.options.cells
-        queue, device = self.tracer.device.queue, self.tracer.device
+        queue = self.tracer.device.queue
         while count and left > 0:
             length = min(left, SEGMENT)
-            if 8 * count * length > device.max_allocation_bytes:
-                raise BatchTooLarge(f"{8 * count * length / 2**30:.1f} GiB for its recorded cells")
-            recorded = cl.array.empty(queue, 2 * count * length, np.int32)
-            lengths = cl.array.empty(queue, count, np.int32)
-            self._record(active, count, length, recorded, lengths)
-            self.segments.append((active, count, length, recorded, lengths))
+            segment = _Segment(self.tracer.device, active, count, length)
+            self._record(segment, length)
+            self.segments.append(segment)
             left -= length
             if left > 0:
                 following = cl.array.empty(queue, count, np.int32)
-                count = compact(device, active, following, self.batch, count)
+                count = compact(self.tracer.device, active, following, self.batch, count)
                 active = following
 
-    def _record(self, active, count: int, length: int, recorded, lengths) -> None:
-        batch, tracer = self.batch, self.tracer
+    def _record(self, segment: _Segment, length: int) -> None:
+        batch, tracer, count = self.batch, self.tracer, segment.count
         self.program.launch(
             "record_pairs",
-            count,
-            *(count, active, batch.rays, batch.keys, *tracer.grid.arguments, length),
-            *(batch.positions, batch.t_exit, self.bins.cell_count, recorded, lengths, *tracer.counting),
+            -(-count // tracer.lanes),
+            *(count, segment.active, batch.rays, batch.keys, *tracer.grid.arguments, length),
+            *(batch.positions, batch.t_exit, segment.cells, segment.lengths, *tracer.counting),
         )
+
+    def count(self) -> None:
+        """Count the recorded encounters of each cell and rank them within it."""
+        for s in self.segments:
+            arguments = (s.count, s.slots, s.cells, s.lengths, self.bins.cell_count, s.ranks)
+            self.bins.bin_program.launch("rank_pairs", s.count, *arguments)
 
     def scatter(self) -> None:
         """Store the recorded encounters at their bins' offsets."""
-        for active, count, length, recorded, lengths in self.segments:
-            self.bins.bin_program.launch(
-                "scatter_pairs",
-                count,
-                *(count, active, length, recorded, lengths, self.bins.chunk_start, self.bins.pairs),
-            )
+        for s in self.segments:
+            arguments = (s.count, s.active, s.slots, s.cells, s.lengths, s.ranks)
+            bins = self.bins
+            bins.bin_program.launch("scatter_pairs", s.count, *arguments, bins.chunk_start, bins.pairs)
 
     def walk_again(self) -> None:
         """Nothing: every ray has been walked."""
