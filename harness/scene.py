@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import sys
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +18,7 @@ from harness.errors import DefrayError, known
 from scenes import Recipe, recipes
 
 SEED = 1  # of every stand-in
+OBJ_GROUPING = (["usemtl"], ["mtllib"], ["o"], ["g"])
 MESH_SUFFIXES = {".npz", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off", ".3mf", ".dae", ".xyz"}
 
 
@@ -103,13 +107,9 @@ def cache_folder() -> Path:
 
 def _stand_in(recipe: Recipe) -> Scene:
     """Generate, or read from the cache what the same generator made before."""
-    file = cache_folder() / f"{recipe.name}-{_generator_hash(recipe)}.npy"
-    try:
-        triangles = np.load(file)
-        usable = triangles.dtype == np.float32 and triangles.shape[1:] == (3, 3) and len(triangles)
-    except (OSError, ValueError, EOFError):
-        usable = False
-    if not usable:
+    file = cache_folder() / f"{recipe.name}-{_generator_hash(recipe)}.npz"
+    triangles = _kept(file)
+    if triangles is None:
         triangles = np.ascontiguousarray(recipe.stand_in(SEED), np.float32)
         _keep(file, triangles)
     return _scene(recipe.name, triangles, recipe.stand_in_views, "stand-in", "generated, MIT")
@@ -122,13 +122,24 @@ def _generator_hash(recipe: Recipe) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
+def _kept(file: Path) -> np.ndarray | None:
+    """What `_keep` wrote, or None where it is absent or damaged: the archive's checksum tells."""
+    try:
+        with file.open("rb") as data:
+            triangles = np.lib.npyio.NpzFile(data)["triangles"]
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
+        return None
+    usable = triangles.dtype == np.float32 and triangles.shape[1:] == (3, 3) and len(triangles)
+    return triangles if usable else None
+
+
 def _keep(file: Path, triangles: np.ndarray) -> None:
     """Write whole or not at all; a cache that cannot be written costs only time."""
     part = file.with_name(f"{file.name}.{os.getpid()}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with part.open("wb") as out:
-            np.save(out, triangles)
+            np.savez(out, triangles=triangles)
         part.replace(file)
     except OSError:
         part.unlink(missing_ok=True)
@@ -139,15 +150,16 @@ def _keep(file: Path, triangles: np.ndarray) -> None:
 
 def _from_file(path: Path) -> Scene:
     if not path.is_file():
-        raise DefrayError(f"scene file {path} does not exist")
+        raise DefrayError(f"scene file {path} " + ("is a folder" if path.is_dir() else "does not exist"))
     triangles = _read_npz(path) if path.suffix.lower() == ".npz" else _read_mesh(path)
     return _scene(path.stem, triangles, automatic_views(triangles), "file", "unknown")
 
 
 def _read_npz(path: Path) -> np.ndarray:
     try:
-        with np.load(path) as data:
-            vertices, faces = data["vertices"], data["faces"]
+        with path.open("rb") as data:
+            arrays = np.lib.npyio.NpzFile(data)
+            vertices, faces = arrays["vertices"], arrays["faces"]
     except (OSError, ValueError, KeyError, EOFError) as error:
         raise DefrayError(f"{path} cannot be read as npz with vertices and faces: {error}") from error
     except Exception as error:  # a damaged zip raises errors of its own
@@ -156,11 +168,20 @@ def _read_npz(path: Path) -> np.ndarray:
 
 
 def _read_mesh(path: Path) -> np.ndarray:
-    """Through trimesh: scene graphs flattened with their transforms, nothing merged or removed."""
+    """Through trimesh: scene graphs flattened with their transforms, nothing merged or removed.
+
+    The numbering is the file's, but for PLY files that mix triangles and quads: there, triangles come first.
+    """
     import trimesh
 
     try:
-        loaded = trimesh.load(path, process=False)
+        if path.suffix.lower() == ".obj":
+            # Materials and groups would reorder the faces; comments are often not UTF-8.
+            lines = path.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True)
+            text = "".join(line for line in lines if line.split(None, 1)[:1] not in OBJ_GROUPING)
+            loaded = trimesh.load(io.StringIO(text), file_type="obj", process=False, maintain_order=True)
+        else:
+            loaded = trimesh.load(path, process=False)
         meshes = loaded.dump() if isinstance(loaded, trimesh.Scene) else [loaded]
         parts = [(m.vertices, m.faces) for m in meshes if isinstance(m, trimesh.Trimesh)]
     except Exception as error:  # trimesh's readers raise whatever their parsers do
@@ -178,6 +199,8 @@ def _corners(path: Path, vertices, faces) -> np.ndarray:
         raise DefrayError(f"{path}: vertices {vertices.shape} and faces {faces.shape} must be [v,3] and [n,3]")
     if not len(faces):
         raise DefrayError(f"{path} holds no triangle")
+    if faces.dtype.kind not in "iu" or vertices.dtype.kind not in "fiu":
+        raise DefrayError(f"{path}: vertices {vertices.dtype} must be numbers and faces {faces.dtype} integers")
     if faces.min() < 0 or faces.max() >= len(vertices):
         bad = int(np.flatnonzero((faces < 0).any(axis=1) | (faces >= len(vertices)).any(axis=1))[0])
         raise DefrayError(f"{path}: face {bad} {faces[bad].tolist()} names a vertex outside 0..{len(vertices) - 1}")
