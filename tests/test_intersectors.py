@@ -115,3 +115,15 @@ def test_every_file_is_registered():
 def test_an_unknown_intersector_lists_the_known():
     with pytest.raises(DefrayError, match="unknown intersector 'best'; known: moller-trumbore, ray-space"):
         find("best")
+
+
+@every_intersector
+def test_a_small_distant_triangle_is_not_hit_from_beside(device, name):
+    """Edge functions of small triangles far from the origin must not round to zero, which would pass as inside."""
+    corner = np.array([1640.0, -0.1, -995.0])
+    small = corner + np.random.default_rng(3).uniform(0, 0.01, (400, 3, 3))
+    generator = np.random.default_rng(4)
+    origins = generator.uniform([-900, 0, -900], [900, 640, 600], (4000, 3))
+    towards = generator.uniform([-900, 0, 0], [900, 640, 600], (4000, 3))
+    hits = shoot(device, small.astype(np.float32), origins, towards - origins, name)
+    assert (hits.primitive == -1).all()
