@@ -24,6 +24,7 @@ kernel void trace_forward(const int count, global const Ray *rays, global ulong 
     ulong best = keys[i];
     int cells = 0;
     uint steps = 0;
+    BEGIN_COUNTS
     for (int cell = walk_next(&w, grid, &steps); cell != NO_CELL; cell = walk_next(&w, grid, &steps)) {
         best = test_cell(&frame, triangles, references, cell_start[cell], cell_start[cell + 1], best);
         add_count(COUNT_TESTS, cell_start[cell + 1] - cell_start[cell]);
@@ -36,6 +37,7 @@ kernel void trace_forward(const int count, global const Ray *rays, global ulong 
     visited[i] = cells;
     add_count(COUNT_PAIRS, cells);
     add_count(COUNT_STEPS, steps);
+    END_COUNTS
 }
 
 // Writes down the first `visited` non-empty cells of each ray, for the work-optimal intersection.

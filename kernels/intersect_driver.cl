@@ -57,19 +57,20 @@ inline void test_triangles(const Frame *frame, global const float *triangles, gl
     }
 }
 
-#ifdef COUNT_WORK
-inline void count_chunk(lane_index ray_of_lane, int triangles, global ulong *counters)
+// Lanes that hold a ray.
+inline int used_lanes(lane_index ray_of_lane)
 {
     int ray[LANES], used = 0;
     store_lanes(ray_of_lane, ray);
     for (int lane = 0; lane < LANES; ++lane)
         used += ray[lane] >= 0;
-    add_count(COUNT_TESTS, used * (ulong)triangles);
-    add_count(COUNT_LANE_TESTS, LANES * (ulong)triangles);
+    return used;
 }
-#else
-#define count_chunk(ray_of_lane, triangles, counters)
-#endif
+#define COUNT_CHUNK(ray_of_lane, triangles)                                                                 \
+    BEGIN_COUNTS                                                                                            \
+    add_count(COUNT_TESTS, used_lanes(ray_of_lane) * (ulong)(triangles));                                   \
+    add_count(COUNT_LANE_TESTS, LANES * (ulong)(triangles));                                                \
+    END_COUNTS
 
 // Deferred intersection: one chunk of a bin against its cell's triangles.
 kernel void intersect_bins(const int chunks, global const int *chunk_cell, global const int *pairs,
@@ -87,7 +88,7 @@ kernel void intersect_bins(const int chunks, global const int *chunk_cell, globa
     const Frame frame = intersector_setup(lanes);
     test_triangles(&frame, triangles, references, begin, end, &best_t, &best);
     keep_hits(keys, ray_of_lane, best_t, best);
-    count_chunk(ray_of_lane, end - begin, counters);
+    COUNT_CHUNK(ray_of_lane, end - begin)
 }
 
 // Brute force: one chunk of rays against one block of the active triangles.
@@ -106,5 +107,5 @@ kernel void intersect_all(const int chunks, const int blocks, const int block_si
     const Frame frame = intersector_setup(lanes);
     test_triangles(&frame, triangles, active_triangles, begin, end, &best_t, &best);
     keep_hits(keys, ray_of_lane, best_t, best);
-    count_chunk(ray_of_lane, end - begin, counters);
+    COUNT_CHUNK(ray_of_lane, end - begin)
 }

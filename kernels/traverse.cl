@@ -106,6 +106,7 @@ kernel void count_pairs(WALK_ARGUMENTS, global const ulong *positions, global co
                         global int *cell_count COUNTERS)
 {
     LOAD_GROUP
+    BEGIN_COUNTS
     while (walk_any(group.go)) {
         count_steps(group.go);
         int cell[WALK_LANES];
@@ -116,6 +117,7 @@ kernel void count_pairs(WALK_ARGUMENTS, global const ulong *positions, global co
             if (cell[lane] != NO_CELL)
                 atomic_inc(cell_count + cell[lane]);
     }
+    END_COUNTS
 }
 
 // Second pass: walks again and stores each ray in its cell's bin.
@@ -138,6 +140,7 @@ kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *
                          global int *recorded_count COUNTERS)
 {
     LOAD_GROUP
+    BEGIN_COUNTS
     int stored[WALK_LANES];
     walk_store(group.stored, stored);
     global int *slots = recorded + (size_t)first * (wave + 1);
@@ -151,6 +154,7 @@ kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *
             slots[lane * (wave + 1) + stored[lane]] = cell[lane];
         walk_store(group.stored, stored);
     }
+    END_COUNTS
     for (int lane = 0; lane < WALK_LANES && first + lane < active_count; ++lane)
         recorded_count[first + lane] = stored[lane];
     save_group(&group, first, active_count, active, positions, t_exit);

@@ -14,6 +14,7 @@ kernel void intersect_visited(const int count, global const Ray *rays, global ul
         return;
     const Frame frame = frame_of(rays[i]);
     ulong best = keys[i];
+    BEGIN_COUNTS
     for (int k = visited_start[i]; k < visited_start[i] + visited[i]; ++k) {
         const int cell = visited_cell[k];
         best = test_cell(&frame, triangles, references, cell_start[cell], cell_start[cell + 1], best);
@@ -22,4 +23,5 @@ kernel void intersect_visited(const int count, global const Ray *rays, global ul
     }
     keys[i] = best;
     add_count(COUNT_PAIRS, visited[i]);
+    END_COUNTS
 }
