@@ -27,7 +27,7 @@ class DeferredOptions(DeviceOptions):
     """`arrange`: walk twice (the paper) or walk once and remember; `wave`: non-empty cells a ray, or `all`."""
 
     arrange: Literal["two-pass", "record"] = "two-pass"
-    wave: str = "8"
+    wave: str = "4"
     compaction: bool = True
 
     @field_validator("wave")
