@@ -13,6 +13,7 @@ from scenes.shapes import (
     fan,
     generator,
     grid,
+    instances,
     join,
     on_lattice,
     placement,
@@ -21,7 +22,6 @@ from scenes.shapes import (
     scatter,
     sphere,
     surface,
-    instances,
     tubes,
 )
 

@@ -44,7 +44,7 @@ def branches(random: np.random.Generator, foot, spread: float, height: float, co
     foot = np.asarray(foot, np.float64)
     part = np.linspace(0, 1, 25)[:, None]
     fork = foot + [0, 0.35 * height, 0]
-    trunk = foot + part * (fork - foot) + 0.03 * height * np.sin(5 * part) * [1, 0, 0.6]
+    trunk = foot + (1.06 * part - 0.06) * (fork - foot) + 0.03 * height * np.sin(5 * part) * [1, 0, 0.6]
     angle = 2 * np.pi * (np.arange(count) + random.random(count)) / count
     reach = spread * random.uniform(0.35, 0.9, count)
     rise = height * random.uniform(0.65, 1.0, count)
@@ -52,7 +52,7 @@ def branches(random: np.random.Generator, foot, spread: float, height: float, co
     bow = part * (1 - part) * spread * 0.3
     limbs = fork + part * (ends[:, None] - fork) - bow * np.stack([np.cos(angle), -0.5 + 0 * angle,
                                                                    np.sin(angle)], axis=1)[:, None]  # fmt: skip
-    thick = 0.05 * height
+    thick = 0.035 * height
     wood = join(tubes(trunk, thick * np.linspace(1.2, 0.8, 25), sides),
                 tubes(limbs, thick * np.linspace(0.6, 0.1, 25), sides))  # fmt: skip
     return wood, ends
