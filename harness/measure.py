@@ -164,7 +164,8 @@ def _repeat(group: Group, run: Run) -> None:
 
 def most_common(runs: Sequence[Run], run: Run) -> Run:
     """A run with the hits that most tracers of the same intersector agree on: the odd one out is at fault."""
-    alike = [other for other in runs if other.tracer.intersector and other.tracer.intersector == run.tracer.intersector]
+    test = run.tracer.intersector
+    alike = [other for other in runs if test and other.tracer.intersector == test]
     if len(alike) < 2:
         return run
     hashes = {id(other): hits_hash(other.hits) for other in alike}

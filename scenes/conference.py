@@ -38,8 +38,11 @@ def cushion(width: float, height: float, depth: float, steps: int) -> np.ndarray
         latitude, longitude = np.pi * (t - 0.5), 2 * np.pi * s
         round_off = lambda value: np.sign(value) * np.abs(value) ** 0.35  # noqa: E731
         c = round_off(np.cos(latitude))
-        return (width / 2 * c * round_off(np.cos(longitude)), height / 2 * round_off(np.sin(latitude)),
-                depth / 2 * c * round_off(np.sin(longitude)))  # fmt: skip
+        return (
+            width / 2 * c * round_off(np.cos(longitude)),
+            height / 2 * round_off(np.sin(latitude)),
+            depth / 2 * c * round_off(np.sin(longitude)),
+        )
 
     return surface(skin, steps, 2 * steps, wrap_columns=True)
 
@@ -65,8 +68,14 @@ def chair() -> np.ndarray:
 def table() -> np.ndarray:
     """A long oval top with a rounded rim on two feet."""
     angle = np.linspace(0, 2 * np.pi, 160, endpoint=False)
-    oval = np.stack([TABLE_HALF[0] * np.sign(np.cos(angle)) * np.abs(np.cos(angle)) ** 0.5, 0 * angle,
-                     TABLE_HALF[1] * np.sign(np.sin(angle)) * np.abs(np.sin(angle)) ** 0.8], axis=1)  # fmt: skip
+    oval = np.stack(
+        [
+            TABLE_HALF[0] * np.sign(np.cos(angle)) * np.abs(np.cos(angle)) ** 0.5,
+            0 * angle,
+            TABLE_HALF[1] * np.sign(np.sin(angle)) * np.abs(np.sin(angle)) ** 0.8,
+        ],
+        axis=1,
+    )
     turn = np.linspace(np.pi / 2, -np.pi / 2, 9)
     rim = [oval * (1 + 0.012 * np.cos(a)) + [0, TABLE_TOP - 6 + 6 * np.sin(a), 0] for a in turn]
     top, under = fan(rim[0]), fan(rim[-1])
@@ -84,8 +93,10 @@ def room() -> np.ndarray:
         *(quad((x, LOWER[1], LOWER[2]), (0, 0, size[2]), (0, size[1], 0)) for x in (LOWER[0], UPPER[0])),
     ]
     places = np.arange(LOWER[0] + 40, UPPER[0] - 220, 240)
-    panels = [boxes([(x, 60, z) for x in places], [(x + 200, 520, z + 8) for x in places])
-              for z in (LOWER[2] + 2, UPPER[2] - 10)]  # fmt: skip
+    panels = [
+        boxes([(x, 60, z) for x in places], [(x + 200, 520, z + 8) for x in places])
+        for z in (LOWER[2] + 2, UPPER[2] - 10)
+    ]
     beams = boxes([(x, 628, LOWER[2] + 1) for x in places], [(x + 24, 649, UPPER[2] - 1) for x in places])
     screen = box((LOWER[0] + 4, 170, -420), (LOWER[0] + 14, 480, 60))
     doors = boxes([(UPPER[0] - 12, 0, z) for z in (-900, 380)], [(UPPER[0] - 2, 430, z + 180) for z in (-900, 380)])
@@ -117,16 +128,27 @@ def lamps() -> np.ndarray:
 
 def small_things(random: np.random.Generator) -> np.ndarray:
     """Objects of very many triangles in very little room: telephones, glasses, a plant in a corner."""
-    phones = scatter(join(cushion(30, 8, 26, 24), sphere(4, 24, 40) + [0, 6, 0]),
-                     TABLE + np.array([(-420, TABLE_TOP + 4, 60), (360, TABLE_TOP + 4, -40)]))  # fmt: skip
+    phones = scatter(
+        join(cushion(30, 8, 26, 24), sphere(4, 24, 40) + [0, 6, 0]),
+        TABLE + np.array([(-420, TABLE_TOP + 4, 60), (360, TABLE_TOP + 4, -40)]),
+    )
     glass = revolve(np.array([(0, 0), (4, 0), (4.2, 10), (4.4, 12), (4.0, 12), (3.7, 1), (0, 1)], float), 24)
     spots = [(x, TABLE_TOP, z) for x in np.linspace(-600, 600, 10) for z in (-150, 150)]
     glasses = scatter(glass, TABLE + np.array(spots))
     corner = np.array([1560.0, 0.0, -930.0])
     pot = revolve(np.array([(40, 0), (52, 70), (48, 70), (0, 60)], float), 32) + corner
     foliage = leaves(random, cloud(random, 1500, corner + [0, 170, 0], (70, 100, 70)), 34)
-    knot = surface(lambda s, t: ((8 + 3 * np.cos(2 * np.pi * t)) * np.cos(2 * np.pi * s), 3 * np.sin(2 * np.pi * t),
-                                 (8 + 3 * np.cos(2 * np.pi * t)) * np.sin(2 * np.pi * s)), 80, 180, True, True)  # fmt: skip
+    knot = surface(
+        lambda s, t: (
+            (8 + 3 * np.cos(2 * np.pi * t)) * np.cos(2 * np.pi * s),
+            3 * np.sin(2 * np.pi * t),
+            (8 + 3 * np.cos(2 * np.pi * t)) * np.sin(2 * np.pi * s),
+        ),
+        80,
+        180,
+        True,
+        True,
+    )
     return join(phones, glasses, pot, foliage, knot + TABLE + [0, TABLE_TOP + 4, 0])
 
 

@@ -56,12 +56,15 @@ def pearls() -> np.ndarray:
     rims = []
     for height, count, size in ((FOOT, 120, 0.145), (FOOT + 3.3, 120, 0.145)):
         angle = 2 * np.pi * np.arange(count) / count
-        rims += [(x, height, z, size) for x, z in zip(RADIUS * 1.02 * np.cos(angle), RADIUS * 1.02 * np.sin(angle),
-                                                      strict=True)]  # fmt: skip
+        rims += [
+            (x, height, z, size)
+            for x, z in zip(RADIUS * 1.02 * np.cos(angle), RADIUS * 1.02 * np.sin(angle), strict=True)
+        ]
     path = arch_path(36)[:-2]
     for side in (-0.62, 0.62):
-        along = around(np.column_stack([path * [1.03, 1], np.full(len(path), side)]),
-                       2 * np.pi * np.arange(ARCHES) / ARCHES)  # fmt: skip
+        along = around(
+            np.column_stack([path * [1.03, 1], np.full(len(path), side)]), 2 * np.pi * np.arange(ARCHES) / ARCHES
+        )
         rims += [(*point, 0.16) for point in along.reshape(-1, 3)]
     placed = np.array(rims)
     return scatter(pearl(), placed[:, :3], placed[:, 3])
@@ -79,12 +82,27 @@ def gem(facets: int, table: float = 0.55) -> np.ndarray:
 
 def settings() -> np.ndarray:
     """Stones in claw settings about the band and up the arches."""
-    claws = join(*(tubes(np.array([[np.cos(a), -0.3, np.sin(a)], [1.05 * np.cos(a), 0.2, 1.05 * np.sin(a)],
-                                   [0.8 * np.cos(a), 0.42, 0.8 * np.sin(a)]]), 0.08, 10)
-                   for a in 2 * np.pi * np.arange(6) / 6))  # fmt: skip
+    claws = join(
+        *(
+            tubes(
+                np.array(
+                    [
+                        [np.cos(a), -0.3, np.sin(a)],
+                        [1.05 * np.cos(a), 0.2, 1.05 * np.sin(a)],
+                        [0.8 * np.cos(a), 0.42, 0.8 * np.sin(a)],
+                    ]
+                ),
+                0.08,
+                10,
+            )
+            for a in 2 * np.pi * np.arange(6) / 6
+        )
+    )
     mount = join(gem(24), claws, torus(1.05, 0.13, 48, 14))
     placed = []
-    for row, (height, count, size) in enumerate(((FOOT + 1.65, 16, 0.75), (FOOT + 0.75, 48, 0.22), (FOOT + 2.6, 48, 0.22))):
+    for row, (height, count, size) in enumerate(
+        ((FOOT + 1.65, 16, 0.75), (FOOT + 0.75, 48, 0.22), (FOOT + 2.6, 48, 0.22))
+    ):
         angle = 2 * np.pi * (np.arange(count) + 0.5 * (row > 0)) / count
         out = np.stack([RADIUS * 1.04 * np.cos(angle), np.full(count, height), RADIUS * 1.04 * np.sin(angle)], axis=1)
         placed.append(instances(mount, placement(out, size, yaw=np.pi / 2 - angle, pitch=np.pi / 2)))
@@ -109,7 +127,9 @@ def filigree(random: np.random.Generator, count: int) -> np.ndarray:
     height = np.where(on_arch, rows[:, 1], random.uniform(FOOT + 0.3, FOOT + 3.0, count))[:, None] + up
     radius = np.where(on_arch, 1.02 * rows[:, 0], 1.03 * RADIUS)[:, None] + 0.03 * np.sin(9 * spin)
     arch = 2 * np.pi * random.integers(0, ARCHES, count) / ARCHES
-    where = np.where(on_arch, arch + random.uniform(-0.4, 0.4, count) / rows[:, 0], random.uniform(0, 2 * np.pi, count))
+    where = np.where(
+        on_arch, arch + random.uniform(-0.4, 0.4, count) / rows[:, 0], random.uniform(0, 2 * np.pi, count)
+    )
     turn = where[:, None] + side / radius
     return tubes(np.stack([radius * np.cos(turn), height, radius * np.sin(turn)], axis=-1), 0.022, 7)
 
@@ -124,10 +144,16 @@ def metal() -> np.ndarray:
         across = [around(np.column_stack([path, np.full(len(path), s)]), np.array([a]))[0] for s in (-0.5, 0, 0.5)]
         plates.append(grid(np.stack(across)))
     t = np.linspace(0, 2 * np.pi, 72, endpoint=False)
-    petal = np.stack([0.9 * np.sin(t) * (1 + 0.55 * np.cos(3 * t)), 1.3 - 1.3 * np.cos(t) * (1 + 0.2 * np.cos(2 * t)),
-                      0 * t], axis=1)  # fmt: skip
-    fleuron = join(fan(petal) + [0, 0, 0.12], fan(petal[::-1]), extrude(petal, (0, 0, 0.12)),
-                   scatter(pearl(16, 22), [[0, 3.1, 0.06]], 0.3))  # fmt: skip
+    petal = np.stack(
+        [0.9 * np.sin(t) * (1 + 0.55 * np.cos(3 * t)), 1.3 - 1.3 * np.cos(t) * (1 + 0.2 * np.cos(2 * t)), 0 * t],
+        axis=1,
+    )
+    fleuron = join(
+        fan(petal) + [0, 0, 0.12],
+        fan(petal[::-1]),
+        extrude(petal, (0, 0, 0.12)),
+        scatter(pearl(16, 22), [[0, 3.1, 0.06]], 0.3),
+    )
     angle = 2 * np.pi * (np.arange(ARCHES) + 0.5) / ARCHES
     places = np.stack([RADIUS * np.cos(angle), np.full(ARCHES, FOOT + 3.3), RADIUS * np.sin(angle)], axis=1)
     return join(band, *rims, *plates, instances(fleuron, placement(places, 1.0, yaw=np.pi / 2 - angle)))
@@ -136,8 +162,10 @@ def metal() -> np.ndarray:
 def top() -> np.ndarray:
     """The orb with its bands, and a cross set with pearls."""
     orb = sphere(0.95, 60, 110) + [0, 13.4, 0]
-    bands = join(torus(0.96, 0.08, 160, 12) + [0, 13.4, 0],
-                 instances(torus(0.96, 0.08, 160, 12), placement((0, 13.4, 0), pitch=np.pi / 2)))  # fmt: skip
+    bands = join(
+        torus(0.96, 0.08, 160, 12) + [0, 13.4, 0],
+        instances(torus(0.96, 0.08, 160, 12), placement((0, 13.4, 0), pitch=np.pi / 2)),
+    )
     upright = np.stack([np.zeros(11), np.linspace(14.4, CROSS - 0.25, 11), np.zeros(11)], axis=1)
     arm = np.stack([np.linspace(-1.5, 1.5, 9), np.full(9, 16.6), np.zeros(9)], axis=1)
     return join(orb, bands, scatter(pearl(), np.concatenate([upright, arm]), 0.24))
@@ -148,7 +176,9 @@ def cloth() -> np.ndarray:
 
     def cap(s, t):
         angle, rise = 2 * np.pi * s, np.pi / 2 * t
-        puff = 1 + 0.05 * np.abs(np.sin(4 * angle)) * np.sin(2 * rise) + 0.004 * np.sin(150 * angle) * np.sin(90 * rise)
+        puff = (
+            1 + 0.05 * np.abs(np.sin(4 * angle)) * np.sin(2 * rise) + 0.004 * np.sin(150 * angle) * np.sin(90 * rise)
+        )
         radius = 0.93 * RADIUS * puff * np.cos(rise)
         return radius * np.cos(angle), FOOT + 3.0 + 7.6 * np.sin(rise), radius * np.sin(angle)
 

@@ -50,9 +50,13 @@ def branches(random: np.random.Generator, foot, spread: float, height: float, co
     rise = height * random.uniform(0.65, 1.0, count)
     ends = foot + np.stack([reach * np.cos(angle), rise, reach * np.sin(angle)], axis=1)
     bow = part * (1 - part) * spread * 0.3
-    limbs = fork + part * (ends[:, None] - fork) - bow * np.stack([np.cos(angle), -0.5 + 0 * angle,
-                                                                   np.sin(angle)], axis=1)[:, None]  # fmt: skip
+    limbs = (
+        fork
+        + part * (ends[:, None] - fork)
+        - bow * np.stack([np.cos(angle), -0.5 + 0 * angle, np.sin(angle)], axis=1)[:, None]
+    )
     thick = 0.035 * height
-    wood = join(tubes(trunk, thick * np.linspace(1.2, 0.8, 25), sides),
-                tubes(limbs, thick * np.linspace(0.6, 0.1, 25), sides))  # fmt: skip
+    wood = join(
+        tubes(trunk, thick * np.linspace(1.2, 0.8, 25), sides), tubes(limbs, thick * np.linspace(0.6, 0.1, 25), sides)
+    )
     return wood, ends

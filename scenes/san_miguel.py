@@ -45,16 +45,22 @@ def arch(span: float) -> np.ndarray:
     inner = np.stack([0.44 * span * np.cos(angle), 3.2 + 0.44 * span * np.sin(angle)], axis=1)
     outer = np.stack([span / 2 * np.clip(1.4 * np.cos(angle), -1, 1), np.full(49, EAVES)], axis=1)
     outer[[0, -1], 1] = 3.2
-    sheets = [np.column_stack([points, np.full(49, z)])
-              for points, z in ((outer, -0.25), (inner, -0.25), (inner, 0.25), (outer, 0.25))]  # fmt: skip
+    sheets = [
+        np.column_stack([points, np.full(49, z)])
+        for points, z in ((outer, -0.25), (inner, -0.25), (inner, 0.25), (outer, 0.25))
+    ]
     return grid(np.stack(sheets))
 
 
 def sides() -> list[tuple[np.ndarray, float, float]]:
     """The four sides of the court: the middle of each, its length, and the turn about y that faces it."""
     x, z = HALF
-    return [(np.array([0, 0, -z]), 2 * x, 0.0), (np.array([0, 0, z]), 2 * x, np.pi),
-            (np.array([-x, 0, 0]), 2 * z, np.pi / 2), (np.array([x, 0, 0]), 2 * z, -np.pi / 2)]  # fmt: skip
+    return [
+        (np.array([0, 0, -z]), 2 * x, 0.0),
+        (np.array([0, 0, z]), 2 * x, np.pi),
+        (np.array([-x, 0, 0]), 2 * z, np.pi / 2),
+        (np.array([x, 0, 0]), 2 * z, -np.pi / 2),
+    ]
 
 
 def building(random: np.random.Generator) -> np.ndarray:
@@ -74,15 +80,33 @@ def building(random: np.random.Generator) -> np.ndarray:
         parts.append(instances(join(row, arches, wall, roof), placement(middle, yaw=turn)))
     x, z = np.meshgrid(np.arange(-HALF[0], HALF[0], 0.62), np.arange(-HALF[1], HALF[1], 0.62))
     low = np.stack([x, np.full_like(x, -0.1), z], axis=-1).reshape(-1, 3)
-    high = low + np.column_stack([np.full(len(low), 0.6), 0.1 + random.uniform(0, 0.02, len(low)),
-                                  np.full(len(low), 0.6)])  # fmt: skip
+    high = low + np.column_stack(
+        [np.full(len(low), 0.6), 0.1 + random.uniform(0, 0.02, len(low)), np.full(len(low), 0.6)]
+    )
     return join(*parts, boxes(low, high))
 
 
 def fountain() -> np.ndarray:
     """Three basins over each other."""
-    profile = np.array([(1.9, 0), (2.1, 0.5), (1.9, 0.6), (1.8, 0.15), (0.4, 0.2), (0.25, 0.9), (0.9, 1.2), (1.0, 1.4),
-                        (0.9, 1.35), (0.2, 1.25), (0.15, 1.8), (0.45, 2.0), (0.5, 2.12), (0.1, 2.05), (0.0, 2.4)])  # fmt: skip
+    profile = np.array(
+        [
+            (1.9, 0),
+            (2.1, 0.5),
+            (1.9, 0.6),
+            (1.8, 0.15),
+            (0.4, 0.2),
+            (0.25, 0.9),
+            (0.9, 1.2),
+            (1.0, 1.4),
+            (0.9, 1.35),
+            (0.2, 1.25),
+            (0.15, 1.8),
+            (0.45, 2.0),
+            (0.5, 2.12),
+            (0.1, 2.05),
+            (0.0, 2.4),
+        ]
+    )
     steps = np.linspace(0, len(profile) - 1, 197)
     fine = np.stack([np.interp(steps, np.arange(len(profile)), profile[:, axis]) for axis in (0, 1)], axis=1)
     return revolve(fine, 190)
@@ -91,29 +115,60 @@ def fountain() -> np.ndarray:
 def chair() -> np.ndarray:
     """A wrought-iron chair: rods and scrolls."""
     t = np.linspace(0, 1, 26)[:, None]
-    rods = [np.concatenate([x + 0 * t, (0.95 if z < 0 else 0.46) * t, z - 0.06 * t * (z < 0)], axis=1)
-            for x in (-0.2, 0.2) for z in (-0.2, 0.2)]  # fmt: skip
+    rods = [
+        np.concatenate([x + 0 * t, (0.95 if z < 0 else 0.46) * t, z - 0.06 * t * (z < 0)], axis=1)
+        for x in (-0.2, 0.2)
+        for z in (-0.2, 0.2)
+    ]
     spiral = 2 * np.pi * 2 * t
-    scrolls = [np.concatenate([x + 0.08 * t * np.cos(spiral), 0.72 + 0.08 * t * np.sin(spiral), -0.24 + 0 * t], axis=1)
-               for x in (-0.11, 0.0, 0.11)]  # fmt: skip
-    seat = surface(lambda s, u: (0.22 * u * np.cos(2 * np.pi * s), 0.46 + 0.02 * u**2, 0.22 * u * np.sin(2 * np.pi * s)),
-                   12, 40, wrap_columns=True)  # fmt: skip
-    return join(tubes(np.stack(rods), 0.014, 10), tubes(np.stack(scrolls), 0.01, 8), seat,
-                torus(0.22, 0.016, 60, 10) + [0, 0.46, 0])  # fmt: skip
+    scrolls = [
+        np.concatenate([x + 0.08 * t * np.cos(spiral), 0.72 + 0.08 * t * np.sin(spiral), -0.24 + 0 * t], axis=1)
+        for x in (-0.11, 0.0, 0.11)
+    ]
+    seat = surface(
+        lambda s, u: (0.22 * u * np.cos(2 * np.pi * s), 0.46 + 0.02 * u**2, 0.22 * u * np.sin(2 * np.pi * s)),
+        12,
+        40,
+        wrap_columns=True,
+    )
+    return join(
+        tubes(np.stack(rods), 0.014, 10),
+        tubes(np.stack(scrolls), 0.01, 8),
+        seat,
+        torus(0.22, 0.016, 60, 10) + [0, 0.46, 0],
+    )
 
 
 def setting() -> np.ndarray:
     """Plate, glass and cutlery of one place, towards +z from the origin."""
-    dish = np.array([(0, 0), (0.07, 0.002), (0.085, 0.008), (0.125, 0.018), (0.127, 0.021), (0.085, 0.012), (0, 0.006)])
-    wine = np.array([(0.035, 0), (0.034, 0.003), (0.004, 0.01), (0.004, 0.08), (0.03, 0.1), (0.038, 0.14), (0.033, 0.18),
-                     (0.031, 0.18), (0.036, 0.14), (0.028, 0.104), (0, 0.09)])  # fmt: skip
+    dish = np.array(
+        [(0, 0), (0.07, 0.002), (0.085, 0.008), (0.125, 0.018), (0.127, 0.021), (0.085, 0.012), (0, 0.006)]
+    )
+    wine = np.array(
+        [
+            (0.035, 0),
+            (0.034, 0.003),
+            (0.004, 0.01),
+            (0.004, 0.08),
+            (0.03, 0.1),
+            (0.038, 0.14),
+            (0.033, 0.18),
+            (0.031, 0.18),
+            (0.036, 0.14),
+            (0.028, 0.104),
+            (0, 0.09),
+        ]
+    )
     smooth = lambda p, n: np.stack(  # noqa: E731
         [np.interp(np.linspace(0, len(p) - 1, n), np.arange(len(p)), p[:, axis]) for axis in (0, 1)], axis=1
     )
     t = np.linspace(-0.1, 0.1, 20)[:, None]
     blades = [np.concatenate([x + 0 * t, 0.008 + 0.01 * (10 * t) ** 4, t], axis=1) for x in (-0.16, 0.15, 0.18)]
-    return join(revolve(smooth(dish, 40), 64), revolve(smooth(wine, 60), 48) + [0.16, 0, -0.14],
-                tubes(np.stack(blades), 0.006, 8)) + [0, 0, 0.34]  # fmt: skip
+    return join(
+        revolve(smooth(dish, 40), 64),
+        revolve(smooth(wine, 60), 48) + [0.16, 0, -0.14],
+        tubes(np.stack(blades), 0.006, 8),
+    ) + [0, 0, 0.34]
 
 
 def dining(random: np.random.Generator) -> np.ndarray:
@@ -124,8 +179,10 @@ def dining(random: np.random.Generator) -> np.ndarray:
     places = instances(setting(), placement((0, 0.75, 0), yaw=turns))
     around = np.stack([0.85 * np.sin(turns), 0 * turns, 0.85 * np.cos(turns)], axis=1)
     chairs = instances(chair(), placement(around, yaw=turns + np.pi))
-    vase = join(revolve(np.array([(0.05, 0.75), (0.07, 0.85), (0.03, 0.95), (0.04, 1.0)]), 40),
-                leaves(random, cloud(random, 120, (0, 1.08, 0), (0.1, 0.1, 0.1)), 0.06))  # fmt: skip
+    vase = join(
+        revolve(np.array([(0.05, 0.75), (0.07, 0.85), (0.03, 0.95), (0.04, 1.0)]), 40),
+        leaves(random, cloud(random, 120, (0, 1.08, 0), (0.1, 0.1, 0.1)), 0.06),
+    )
     table = join(top, stem, places, chairs, vase)
     x, z = np.meshgrid(np.arange(-19, 20, 4.6), (-7.2, 6.8))
     middle = np.stack([x, 0 * x, z], axis=-1).reshape(-1, 3) + random.normal(0, 0.35, (x.size, 3)) * [1, 0, 1]
@@ -147,8 +204,10 @@ def tree(random: np.random.Generator, foot: np.ndarray) -> np.ndarray:
     each = LEAVES_OF_A_TREE // len(ends)
     crown = [leaves(random, cloud(random, each, end, (1.9, 1.2, 1.9), 0.15), 0.13, leaf(2)) for end in ends]
     twigs = [cloud(random, 40, end, (1.8, 1.1, 1.8)) for end in ends]
-    lines = [np.stack([np.broadcast_to(end, tips.shape), (2 * end + tips) / 3 + 0.1, tips], axis=1)
-             for end, tips in zip(ends, twigs, strict=True)]  # fmt: skip
+    lines = [
+        np.stack([np.broadcast_to(end, tips.shape), (2 * end + tips) / 3 + 0.1, tips], axis=1)
+        for end, tips in zip(ends, twigs, strict=True)
+    ]
     return join(on_lattice(wood, 128.0, 22), on_lattice(tubes(np.concatenate(lines), 0.015, 5), 128.0, 22), *crown)
 
 

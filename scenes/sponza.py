@@ -42,8 +42,10 @@ def arch(span: float, rise: float, depth: float, segments: int) -> np.ndarray:
     inner = np.stack([half * np.cos(angle), half * np.sin(angle)], axis=1)
     outer = np.stack([span / 2 * np.clip(1.3 * np.cos(angle), -1, 1), np.full(segments + 1, rise)], axis=1)
     outer[[0, -1], 1] = 0
-    sheets = [np.concatenate([points, np.full((segments + 1, 1), z)], axis=1)
-              for points, z in ((outer, -depth), (inner, -depth), (inner, depth), (outer, depth))]  # fmt: skip
+    sheets = [
+        np.concatenate([points, np.full((segments + 1, 1), z)], axis=1)
+        for points, z in ((outer, -depth), (inner, -depth), (inner, depth), (outer, depth))
+    ]
     return grid(np.stack(sheets))
 
 
@@ -75,10 +77,20 @@ def shell() -> np.ndarray:
     ground = quad((x[0], LOWER[1], z[0]), (0, 0, width), (length, 0, 0), 12, 20)
     walls = [quad((x[0], LOWER[1], side), (length, 0, 0), (0, UPPER[1] - LOWER[1], 0), 16, 6) for side in z]
     ends = [quad((end, LOWER[1], z[0]), (0, 0, width), (0, UPPER[1] - LOWER[1], 0), 10, 6) for end in x]
-    galleries = boxes([(x[0], STOREYS[1] - 20, z[0]), (x[0], STOREYS[1] - 20, ROW)],
-                      [(x[1], STOREYS[1], -ROW), (x[1], STOREYS[1], z[1])])  # fmt: skip
-    tiles = [quad((x[0], STOREYS[2] + 120, side * (ROW - 60)), (length, 0, 0),
-                  (0, UPPER[1] - STOREYS[2] - 120, side * (UPPER[2] - ROW)), 90, 24) for side in (-1, 1)]  # fmt: skip
+    galleries = boxes(
+        [(x[0], STOREYS[1] - 20, z[0]), (x[0], STOREYS[1] - 20, ROW)],
+        [(x[1], STOREYS[1], -ROW), (x[1], STOREYS[1], z[1])],
+    )
+    tiles = [
+        quad(
+            (x[0], STOREYS[2] + 120, side * (ROW - 60)),
+            (length, 0, 0),
+            (0, UPPER[1] - STOREYS[2] - 120, side * (UPPER[2] - ROW)),
+            90,
+            24,
+        )
+        for side in (-1, 1)
+    ]
     return join(ground, *walls, *ends, galleries, *tiles)
 
 
@@ -110,12 +122,15 @@ def furnishing(random: np.random.Generator) -> np.ndarray:
     plants = [leaves(random, cloud(random, 420, foot + [0, 215, 0], (75, 85, 75)), 26) for foot in feet]
     posts = np.array([(x, STOREYS[1], side * ROW) for side in (-1, 1) for x in np.arange(-1480, 1390, 52)], float)
     balusters = scatter(column(70, 7, 8, 8), posts)
-    rails = boxes([(-1500, STOREYS[1] + 70, s * ROW - 12) for s in (-1, 1)],
-                  [(1400, STOREYS[1] + 82, s * ROW + 12) for s in (-1, 1)])  # fmt: skip
+    rails = boxes(
+        [(-1500, STOREYS[1] + 70, s * ROW - 12) for s in (-1, 1)],
+        [(1400, STOREYS[1] + 82, s * ROW + 12) for s in (-1, 1)],
+    )
     lanterns = np.array([(x, STOREYS[2] - 300, 0) for x in BAYS[1:-1:2]], float)
     chains = tubes(np.stack([lanterns + [0, 40 * k, 0] for k in range(9)], axis=1), 4, 6)
-    heads = join(lion(150, 70, 110) + [LOWER[0] + 20, 300, 0],
-                 lion(150, 70, 110) * [-1, 1, 1] + [UPPER[0] - 20, 300, 0])  # fmt: skip
+    heads = join(
+        lion(150, 70, 110) + [LOWER[0] + 20, 300, 0], lion(150, 70, 110) * [-1, 1, 1] + [UPPER[0] - 20, 300, 0]
+    )
     lamps = scatter(lion(40, 24, 32), lanterns)
     plinths = join(*(box(foot - [70, 0, 70], foot + [70, 8, 70]) for foot in feet))
     return join(cloth, vases, *plants, balusters, rails, chains, heads, lamps, plinths)

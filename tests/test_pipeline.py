@@ -141,7 +141,12 @@ print(hashlib.sha256(hits.tobytes()).hexdigest())
 def test_threads_waves_and_batches_change_no_byte(intersector):
     """Separate processes, because a runtime reads its number of threads once."""
     seen = set()
-    for threads, wave, batch in (("1", "4", "8192"), ("2", "4", "30000"), ("2", "all", "8192"), ("1", "all", "30000")):
+    for threads, wave, batch in (
+        ("1", "4", "8192"),
+        ("2", "4", "30000"),
+        ("2", "all", "8192"),
+        ("1", "all", "30000"),
+    ):
         environment = {**os.environ, "DEFRAY_THREADS": threads}
         command = [sys.executable, "-c", PROGRAM, "deferred", intersector, wave, batch]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
