@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import os
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+import scenes
 from harness.data import Scene, View
 from harness.errors import DefrayError, known
 from scenes import Recipe, recipes
@@ -46,7 +48,8 @@ def _status(recipe: Recipe) -> SceneStatus:
     elif recipe.stand_in:
         source, origin = "stand-in", "seeded generator"
     else:
-        source, origin = "missing", "set DEFRAY_SCENES to a folder with " + ", ".join(n for n, _ in recipe.files)
+        names = ", ".join(name for name, _ in recipe.files) or "its file"
+        source, origin = "missing", f"set DEFRAY_SCENES to a folder with {names}"
     return SceneStatus(recipe.name, recipe.triangles, source, origin, recipe.licence, recipe.paper)
 
 
@@ -118,7 +121,8 @@ def _stand_in(recipe: Recipe) -> Scene:
 def _generator_hash(recipe: Recipe) -> str:
     """Of the sources the generator is made of: an edited generator never meets an old cache."""
     own = Path(sys.modules[recipe.stand_in.__module__].__file__)
-    parts = [own.read_bytes(), (own.parent / "shapes.py").read_bytes(), np.__version__.encode(), bytes([SEED])]
+    blocks = [Path(scenes.__file__).with_name(name) for name in scenes.BUILDING_BLOCKS]
+    parts = [*(file.read_bytes() for file in (own, *blocks)), np.__version__.encode(), bytes([SEED])]
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
@@ -142,7 +146,8 @@ def _keep(file: Path, triangles: np.ndarray) -> None:
             np.savez(out, triangles=triangles)
         part.replace(file)
     except OSError:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 # ---------------------------------------------------------------- mesh files

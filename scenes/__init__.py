@@ -12,6 +12,8 @@ import numpy as np
 
 from harness.data import View
 
+BUILDING_BLOCKS = ("shapes.py", "plants.py")  # what the generators are made of, beside their own modules
+
 
 @dataclass(frozen=True)
 class Recipe:

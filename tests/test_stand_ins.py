@@ -1,0 +1,94 @@
+"""Stand-ins: the right size, the same bytes every time, and something to see in every view."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.data import Scene
+from harness.embree import EmbreeScene
+from harness.exact import zero_area
+from harness.rays import image_rays
+from scenes import recipes
+from scenes.plants import branches, cloud, leaf, leaves
+from scenes.shapes import areas, box, generator, on_lattice, quad, revolve, scatter, sphere, torus, tubes
+
+STAND_INS = [recipe for recipe in recipes().values() if recipe.stand_in]
+QUICK = {"sponza", "conference"}
+
+
+def volume(triangles: np.ndarray) -> float:
+    """Of a closed mesh seen from outside."""
+    a, b, c = np.asarray(triangles, np.float64).transpose(1, 0, 2)
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+def test_the_papers_five_scenes_all_have_a_stand_in():
+    papers = [recipe.name for recipe in recipes().values() if recipe.paper]
+    assert sorted(papers) == ["conference", "crown", "hairball", "san-miguel", "sponza"]
+    assert {recipe.name for recipe in STAND_INS} == set(papers)
+
+
+@pytest.mark.parametrize(
+    "recipe",
+    [pytest.param(r, id=r.name, marks=[] if r.name in QUICK else [pytest.mark.slow]) for r in STAND_INS],
+)
+def test_a_stand_in_is_of_the_scenes_size_and_always_the_same(recipe):
+    triangles = recipe.stand_in(1)
+    assert triangles.dtype == np.float32 and triangles.shape[1:] == (3, 3)
+    assert abs(len(triangles) / recipe.triangles - 1) < 0.05
+    assert np.isfinite(triangles).all()
+    assert zero_area(triangles).mean() < 0.03
+    assert recipe.stand_in(1).tobytes() == triangles.tobytes()
+    embree = EmbreeScene(triangles)
+    assert recipe.stand_in_views
+    for view in recipe.stand_in_views:
+        seen = embree.trace(image_rays(view, 64, 48)).primitive
+        assert (seen >= 0).mean() > 0.2, view.name
+        assert len(np.unique(seen)) > 300, view.name
+
+
+def test_a_recipe_with_files_has_views_of_the_real_scene():
+    for recipe in recipes().values():
+        assert recipe.real_views or not recipe.files
+        assert all(len(digest) == 64 for _, digest in recipe.files)
+        assert Scene(recipe.name, np.zeros((0, 3, 3)), source="stand-in").title == f"{recipe.name} (stand-in)"
+
+
+def test_closed_shapes_enclose_their_volume():
+    assert volume(box((0, 0, 0), (1, 2, 3))) == pytest.approx(6)
+    assert volume(sphere(2.0, 60, 120)) == pytest.approx(4 / 3 * np.pi * 8, rel=0.01)
+    assert abs(volume(torus(3.0, 1.0, 120, 60))) == pytest.approx(2 * np.pi**2 * 3, rel=0.01)
+
+
+def test_open_shapes_have_their_area():
+    assert areas(quad((0, 0, 0), (2, 0, 0), (0, 3, 0), 4, 5)).sum() == pytest.approx(6)
+    assert areas(revolve(np.array([(1, 0), (1, 2)]), 200)).sum() == pytest.approx(4 * np.pi, rel=0.001)
+    line = np.array([[0, 0, 0], [0, 1, 0], [0, 2, 0]], float)
+    assert areas(tubes(line, 0.1, 64)).sum() == pytest.approx(2 * np.pi * 0.1 * 2, rel=0.01)
+
+
+def test_copies_are_scaled_turned_and_moved():
+    copies = scatter(box((0, 0, 0), (1, 1, 1)), [[10, 0, 0], [0, 5, 0]], np.array([1.0, 2.0]), np.array([np.pi, 0.0]))
+    first, second = copies[:12], copies[12:]
+    assert first.reshape(-1, 3).min(axis=0) == pytest.approx([9, 0, -1])
+    assert second.reshape(-1, 3).max(axis=0) == pytest.approx([2, 7, 2])
+
+
+def test_plants_stay_where_they_are_put():
+    random = generator(5)
+    points = cloud(random, 500, (1, 2, 3), (0.5, 0.5, 0.5))
+    assert np.linalg.norm(points - [1, 2, 3], axis=1).max() <= 0.5
+    foliage = leaves(random, points, 0.01)
+    assert len(foliage) == 500 * len(leaf())
+    assert np.abs(foliage - [1, 2, 3]).max() < 0.6
+    wood, ends = branches(random, (0, 0, 0), 2.0, 5.0, 7)
+    assert len(ends) == 7 and len(wood) > 0 and ends[:, 1].min() > 3
+
+
+def test_rounding_to_the_lattice_is_exact_and_small():
+    triangles = generator(1).normal(size=(100, 3, 3)) * 30
+    rounded = on_lattice(triangles, 128.0, 20)
+    step = 128.0 / 2**20
+    assert (rounded / step == np.rint(rounded / step)).all()
+    assert np.abs(rounded - triangles).max() <= step / 2
