@@ -175,7 +175,7 @@ class Display:
 
     def _show(self, what: str, done: float) -> None:
         self._fraction = done
-        self._bar.update(self._task, description=escape(what))
+        self._bar.update(self._task, description=escape(what), refresh=True)
 
     def _left(self) -> str:
         if not self._running:
