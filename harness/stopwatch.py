@@ -26,11 +26,15 @@ class Stopwatch:
 
     @contextmanager
     def total(self):
-        """Wall clock of the block, up to the end of everything it enqueued."""
+        """Wall clock of the block, up to the end of everything it enqueued; a block that fails has no time."""
         if self.queue:
             self.queue.finish()
         started = time.perf_counter()
-        yield
+        try:
+            yield
+        except BaseException:
+            self._marks.clear()
+            raise
         if self.queue:
             self.queue.finish()
         self.seconds["total"] += time.perf_counter() - started

@@ -150,6 +150,22 @@ def test_counters_are_exact_and_repeat(device):
     assert forward.tests <= two_pass.tests
 
 
+@pytest.mark.parametrize("arrange", ["two-pass", "record"])
+def test_a_batch_whose_pairs_do_not_fit_is_halved(device, arrange):
+    triangles, rays = SCENES["soup"]
+    small = dataclasses.replace(device, max_allocation_bytes=150 << 10)
+    setting = dataclasses.replace(setting_of(device, triangles), device=small)
+    made = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"wave": "all", "arrange": arrange})
+    watch = Stopwatch(device.queue)
+    hits = made.trace(rays, watch)
+    assert made.batch_size < len(rays)
+    assert hits.tobytes() == hits_of(setting_of(device, triangles), rays, "brute").tobytes()
+    assert watch.seconds["traverse"] <= watch.seconds["total"]
+    tiny = dataclasses.replace(setting, device=dataclasses.replace(device, max_allocation_bytes=1 << 10))
+    with pytest.raises(DefrayError, match="use a coarser grid"):
+        hits_of(tiny, rays, "deferred", wave="all", arrange=arrange)
+
+
 def test_brute_force_counts_every_pair(device):
     triangles, rays = SCENES["soup"]
     counters = tracers.find("brute")(setting_of(device, triangles), INTERSECTORS["ray-space"], {}).count(rays)

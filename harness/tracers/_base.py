@@ -19,6 +19,7 @@ from harness.program import Program, build
 from harness.runtime import cl
 from harness.stopwatch import Stopwatch
 
+SMALLEST_BATCH = 256  # rays; what does not fit then will not fit at all
 POISON = 0xA5  # outputs are filled with this byte before a run, so that a kernel that writes nothing shows
 COUNTERS = ("steps", "pairs", "tests", "lane_tests")
 
@@ -196,17 +197,17 @@ class DeviceTracer(Tracer):
                     self.trace_batch(batch, watch)
                     self.finish(batch)
             except BatchTooLarge as error:
-                self._halve(error)
+                self._halve(batch.count, error)
                 continue
             parts.append(batch.download())
             first += batch.count
         columns = zip(*((p.t, p.primitive, p.u, p.v) for p in parts), strict=True)
         return Hits(*(np.concatenate(column) for column in columns))
 
-    def _halve(self, error: BatchTooLarge) -> None:
-        if self.batch_size <= 1024:
-            raise DefrayError(f"a batch of {self.batch_size} rays needs {error}; use a coarser grid") from error
-        self.batch_size = -(-self.batch_size // 2)
+    def _halve(self, count: int, error: BatchTooLarge) -> None:
+        if count <= SMALLEST_BATCH:
+            raise DefrayError(f"a batch of {count} rays needs {error}; use a coarser grid") from error
+        self.batch_size = -(-count // 2)
 
     def count(self, rays: Rays) -> Counters:
         """Exact work counts summed over all batches."""

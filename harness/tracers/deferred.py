@@ -124,7 +124,7 @@ class _Bins:
     def _make_room(self) -> None:
         slots = self.chunks * self.lanes
         if 4 * slots > self.device.max_allocation_bytes or slots >= 2**31 or self.chunks < 0:
-            raise BatchTooLarge(f"{4 * slots / 2**30:.1f} GiB for its pairs")
+            raise BatchTooLarge(f"{4 * slots / 2**20:.1f} MiB for its pairs")
         if len(self.pairs) < slots:
             self.pairs = cl.array.empty(self.device.queue, slots, np.int32)
         if len(self.chunk_cell) < self.chunks:
@@ -178,7 +178,7 @@ class _Segment:
         # The last group of lanes may be partly empty and still writes its first slots.
         places = (count + max(LANES)) * self.slots
         if 4 * places > device.max_allocation_bytes:
-            raise BatchTooLarge(f"{8 * places / 2**30:.1f} GiB for its recorded cells")
+            raise BatchTooLarge(f"{8 * places / 2**20:.1f} MiB for its recorded cells")
         self.cells, self.ranks = (cl.array.empty(device.queue, places, np.int32) for _ in range(2))
         self.lengths = cl.array.empty(device.queue, count, np.int32)
 
