@@ -4,6 +4,10 @@
 class DefrayError(Exception):
     """Bad input or a missing device; `str(error)` is one line saying what is wrong and what to do."""
 
+    def __str__(self) -> str:
+        # A path or a library's message may bring line breaks of its own.
+        return " ".join(super().__str__().split())
+
 
 def known(kind: str, name: str, names) -> DefrayError:
     """Error for an unknown `name` that lists the known ones."""

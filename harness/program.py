@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.cache import cache_folder
 from harness.device import Device
 from harness.errors import DefrayError
 from harness.runtime import cl
@@ -59,9 +60,23 @@ def build(
         try:
             built = cl.Program(device.context, source).build(options=options)
         except cl.RuntimeError as error:
-            raise DefrayError(f"building {', '.join(files)} with {' '.join(options)} failed: {error}") from error
+            raise _build_failure(files, options, source, str(error)) from error
         _programs[key] = Program(device, built, hashlib.sha256(source.encode()).hexdigest()[:16])
     return _programs[key]
+
+
+def _build_failure(files, options, source: str, log: str) -> DefrayError:
+    """One line with the compiler's first error; flags, log and numbered source go to a file."""
+    first = next((line.strip() for line in log.splitlines() if "error:" in line), log.splitlines()[0])
+    file = cache_folder() / "build.log"
+    numbered = "\n".join(f"{number:5} {line}" for number, line in enumerate(source.splitlines(), start=1))
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"{' '.join(options)}\n\n{log}\n\n{numbered}\n")
+        where = f"; flags, log and source are in {file}"
+    except OSError:
+        where = ""
+    return DefrayError(f"building {', '.join(files)} failed: {first}{where}")
 
 
 def _expand(name: str, intersector: str | None, seen: set[str]) -> str:

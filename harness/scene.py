@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import scenes
+from harness.cache import cache_folder
 from harness.data import Scene, View
 from harness.errors import DefrayError, known
 from scenes import Recipe, recipes
@@ -60,7 +61,10 @@ def load_scene(name_or_path: str) -> Scene:
     for an unknown name, a missing, unreadable or altered file, an empty mesh, or a vertex that is not finite.
     """
     path = Path(name_or_path)
-    looks_like_a_file = path.suffix.lower() in MESH_SUFFIXES or os.sep in name_or_path or path.is_file()
+    try:
+        looks_like_a_file = path.suffix.lower() in MESH_SUFFIXES or os.sep in name_or_path or path.is_file()
+    except (OSError, ValueError):  # too long for a path, or not one
+        looks_like_a_file = False
     if name_or_path not in recipes() and looks_like_a_file:
         return _from_file(path)
     if name_or_path not in recipes():
@@ -99,13 +103,6 @@ def _real(recipe: Recipe, files: list[Path]) -> Scene:
 
 
 # ---------------------------------------------------------------- stand-ins
-
-
-def cache_folder() -> Path:
-    """Where generated scenes are kept: DEFRAY_CACHE, else the user's cache folder."""
-    from platformdirs import user_cache_dir
-
-    return Path(os.environ.get("DEFRAY_CACHE") or user_cache_dir("defray"))
 
 
 def _stand_in(recipe: Recipe) -> Scene:
@@ -175,7 +172,8 @@ def _read_npz(path: Path) -> np.ndarray:
 def _read_mesh(path: Path) -> np.ndarray:
     """Through trimesh: scene graphs flattened with their transforms, nothing merged or removed.
 
-    The numbering is the file's, but for PLY files that mix triangles and quads: there, triangles come first.
+    The numbering is the file's, mesh after mesh in trimesh's order of the graph; in PLY files that mix triangles
+    and quads, triangles come first.
     """
     import trimesh
 

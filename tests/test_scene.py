@@ -137,6 +137,10 @@ def test_a_missing_file_a_folder_and_an_unknown_name_are_refused(tmp_path, recip
     assert refused("sponsa") == "unknown scene 'sponsa'; known: bare, small"
 
 
+def test_a_name_too_long_for_a_path_is_an_unknown_scene(recipe):
+    assert refused("x" * 5000).startswith("unknown scene")
+
+
 def test_a_truncated_file_is_refused(tmp_path):
     np.savez(tmp_path / "whole.npz", vertices=POINTS, faces=FACES)
     (tmp_path / "cut.npz").write_bytes((tmp_path / "whole.npz").read_bytes()[:-40])
