@@ -23,7 +23,6 @@ from harness.stopwatch import Stopwatch
 from harness.tracers._base import Setting, Tracer
 
 KEPT_SCENES = 1  # scenes that stay in memory between groups
-WARM_UP_RAYS = 1 << 16  # enough to run every kernel, its second and later waves included
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ def shared_scene(name: str, device) -> SharedScene:
 def warm_up(group: Group, run: Run) -> None:
     """Compile and run every kernel on some of the rays, then count the work of all in an instrumented run."""
     group.tell(run.spec, "warm-up", 0.15)
-    run.tracer.trace(group.rays[:WARM_UP_RAYS], group.stopwatch(run))
+    run.tracer.trace(group.rays[: run.tracer.warm_up_rays], group.stopwatch(run))
     run.counters = run.tracer.count(group.rays)
 
 

@@ -166,10 +166,13 @@ def test_a_batch_whose_pairs_do_not_fit_is_halved(device, arrange):
         hits_of(tiny, rays, "deferred", wave="all", arrange=arrange)
 
 
-def test_brute_force_counts_every_pair(device):
+@pytest.mark.parametrize("batch", ["100000", "777"])
+def test_brute_force_counts_every_pair(device, batch):
     triangles, rays = SCENES["soup"]
-    counters = tracers.find("brute")(setting_of(device, triangles), INTERSECTORS["ray-space"], {}).count(rays)
+    made = tracers.find("brute")(setting_of(device, triangles), INTERSECTORS["ray-space"], {"batch": batch})
+    counters = made.count(rays)
     assert counters.tests == len(rays) * len(triangles)
+    assert counters == made.count_by_running(rays)
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,7 @@ class Tracer(ABC):
     needs_device: ClassVar[bool] = True
     needs_grid: ClassVar[bool] = False
     needs_intersector: ClassVar[bool] = True
+    warm_up_rays: ClassVar[int] = 1 << 16  # enough to run every kernel, its later waves included
     Options: ClassVar[type[Options]] = DeviceOptions
 
     def __init__(self, setting: Setting, intersector: Intersector | None, options: dict[str, str]):
