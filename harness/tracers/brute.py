@@ -40,7 +40,8 @@ class Brute(DeviceTracer):
 
     def count(self, rays: Rays) -> Counters:
         """Exact by definition: every active triangle for every ray, which an instrumented run confirms."""
-        chunks = sum(-(-len(rays[i : i + self.batch_size]) // self.lanes) for i in range(0, len(rays), self.batch_size))
+        whole, rest = divmod(len(rays), self.batch_size)
+        chunks = whole * -(-self.batch_size // self.lanes) + -(-rest // self.lanes)
         triangles = self.scene.active_count
         return Counters(tests=len(rays) * triangles, lane_tests=chunks * self.lanes * triangles)
 
