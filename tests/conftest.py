@@ -42,6 +42,6 @@ def _cache_folder(tmp_path_factory):
 
 @pytest.fixture
 def fresh_cache(_cache_folder, monkeypatch):
-    """A cache folder that began empty with this session; other tests keep the user's cache, to stay quick."""
+    """A cache folder that was empty when the tests began; other tests keep the user's cache, to stay quick."""
     monkeypatch.setenv("DEFRAY_CACHE", str(_cache_folder))
     return _cache_folder

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from test_sweep import TIER, body_of, fake_run_group, install_fakes, module_called
+from test_sweep import TIER, body_of, fake_run_group, install_fakes
 
 from harness import cli
 from harness.errors import DefrayError
@@ -22,7 +22,7 @@ def defray(monkeypatch, capsys):
 
     def run(*arguments: str, pipeline=None) -> tuple[int, str, str]:
         if pipeline:
-            monkeypatch.setattr(module_called("pipeline"), "run_group", pipeline)
+            monkeypatch.setattr("harness.pipeline.run_group", pipeline)
         monkeypatch.setattr(sys, "argv", ["defray", *arguments])
         with pytest.raises(SystemExit) as stopped:
             cli.main()
@@ -138,7 +138,7 @@ def test_scenes(defray, monkeypatch):
     status = SimpleNamespace(
         name="sponza", triangles=279_163, source="real", origin="a place", licence="CC BY", paper=True
     )
-    monkeypatch.setattr(module_called("scene"), "list_scenes", lambda: [status])
+    monkeypatch.setattr("harness.scene.list_scenes", lambda: [status])
     code, out, _ = defray("scenes")
     assert code == 0 and "279,163" in out and "a place" in out
 
@@ -152,13 +152,13 @@ def test_sweep_and_report(defray, tmp_path, monkeypatch):
     code, _, error = defray(*arguments)
     assert code == 2 and "pass --resume" in error
     assert defray(*arguments, "--resume")[0] == 0
-    monkeypatch.setattr(module_called("report"), "write_report", lambda folder: folder / "report.html")
+    monkeypatch.setattr("harness.report.write_report", lambda folder: folder / "report.html")
     code, out, _ = defray("report", str(out_folder))
     assert code == 0 and out.strip() == str(out_folder / "report.html")
 
 
 def test_doctor_passes_its_exit_code_on(defray, monkeypatch):
-    monkeypatch.setattr(module_called("doctor"), "run_doctor", lambda json: 1 if json else 0)
+    monkeypatch.setattr("harness.doctor.run_doctor", lambda json: 1 if json else 0)
     assert defray("doctor")[0] == 0
     assert defray("doctor", "--json")[0] == 1
 

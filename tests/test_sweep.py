@@ -1,21 +1,19 @@
 """Sweeps: plans, resuming after a kill, the lock, failures that must not stop the rest."""
 
-import importlib
 import json
-import os
 import signal
 import subprocess
 import sys
 import textwrap
 import time
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 from test_record import MACHINE, make_body
 
-from harness import plan, progress, sweep
+from harness import plan, sweep
 from harness.data import GridSpec
 from harness.errors import DefrayError
 from harness.record import RecordFile
@@ -66,14 +64,7 @@ def install_fakes(monkeypatch, run_group=fake_run_group) -> None:
     }
     for name, values in replaced.items():
         for attribute, value in values.items():
-            monkeypatch.setattr(module_called(name), attribute, value, raising=False)
-
-
-def module_called(name: str) -> ModuleType:
-    try:
-        return importlib.import_module(f"harness.{name}")
-    except ModuleNotFoundError:
-        return sys.modules.setdefault(f"harness.{name}", ModuleType(f"harness.{name}"))
+            monkeypatch.setattr(f"harness.{name}.{attribute}", value)
 
 
 @pytest.fixture
@@ -411,46 +402,6 @@ def test_a_second_start_at_the_same_time_is_refused(fakes, request_):
     assert start(request_, resume=True, seed=None)[0] == 0, "a killed sweep must not keep its lock"
 
 
-# ---------------------------------------------------------------- the time left
-
-
-def spec_on(scene: str, tracer: str = "deferred:ray-space", rays: int = 1_000_000) -> RunSpec:
-    return RunSpec(scene=scene, variant=Variant.parse(tracer), grid=GridSpec(), rays=rays)
-
-
-def test_time_left_learns_from_measured_groups():
-    time_left = progress.TimeLeft({"small": 100_000, "large": 5_000_000})
-    small, large = [spec_on("small")], [spec_on("large")]
-    assert time_left.predict(large) > 3 * time_left.predict(small), "not a plain mean"
-    time_left.measured(small, 10 * time_left.guess(small))
-    assert time_left.predict(large) == pytest.approx(10 * time_left.guess(large))
-    time_left.measured(large, 30 * time_left.guess(large))
-    assert 20 < time_left.predict(large) / time_left.guess(large) < 30, "the same scene weighs more"
-
-
-def test_time_left_falls_while_a_group_runs():
-    time_left = progress.TimeLeft({})
-    group, waiting = [spec_on("a")], [[spec_on("b")]]
-    whole = time_left.predict(group)
-    steps = [time_left.left(group, share * whole, share, waiting) for share in (0.0, 0.3, 0.6, 0.9)]
-    assert steps == sorted(steps, reverse=True)
-    assert steps[0] == pytest.approx(whole + time_left.predict(waiting[0]))
-    assert time_left.left(group, 3 * whole, 0.0, []) > 0, "an overdue group is not free"
-
-
-def test_cost_model_orders_tracers():
-    brute = progress.guessed_seconds(spec_on("a", "brute:ray-space"), 300_000)
-    embree = progress.guessed_seconds(spec_on("a", "embree"), 300_000)
-    assert brute > 50 * progress.guessed_seconds(spec_on("a"), 300_000) > 50 * embree
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(3, "10 s"), (44, "40 s"), (130, "2 min"), (4000, "67 min"), (9000, "2.5 h")]
-)
-def test_time_left_has_no_false_digits(seconds, text):
-    assert progress.about(seconds) == f"about {text} left"
-
-
 def test_the_bar_shows_on_a_terminal(fakes, request_, tmp_path):
     with open(tmp_path / "terminal", "w+") as printed:
         console = Console(file=printed, force_terminal=True, width=120)
@@ -458,8 +409,3 @@ def test_the_bar_shows_on_a_terminal(fakes, request_, tmp_path):
         printed.seek(0)
         text = printed.read()
     assert "left" in text and "10 runs: 10 valid" in text
-
-
-def test_progress_imports_no_opencl():
-    code = "import sys, harness.sweep; sys.exit('pyopencl' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False, cwd=ROOT, env=os.environ).returncode == 0
