@@ -142,7 +142,9 @@ class Counters:
 class Samples:
     """Seconds of each repetition, stage by stage; a stage that a tracer does not have stays empty.
 
-    Stages are device time between event markers; `total` is wall clock from rays to hits on the device.
+    Stages are device time between event markers, waits of the host for a count included; `total` is wall clock
+    from rays to hits on the device. Of the two-pass arrangement, both walks are `traverse`, packing included; of
+    the recording one, ranking and scattering are `arrange`. Writing t, u and v is in the total alone.
     """
 
     traverse: list[float] = field(default_factory=list)

@@ -15,11 +15,13 @@ from harness.errors import DefrayError
 from harness.exact import zero_area
 from harness.program import Program, build
 from harness.runtime import cl
+from harness.scene import check_scale
+from harness.spec import check_grid
 
 BRICK = (4, 4, 2)  # leaf cells that share one word of occupancy bits
-PAD_ULP = 32  # triangle-box overlap is tested with cells grown by this many float32 ulp of the resolution
-MARGIN = 2.0**-10  # the grid is larger than the scene by this part of its extent, on every side
-MAX_RESOLUTION = 1 << 20  # leaf positions are packed in 21 bits an axis
+PAD_ULP = 32  # triangle-box overlap is tested with cells grown by this many float32 ulp of the largest extent
+MARGIN = 2.0**-8  # the grid is larger than the scene by this part of its largest extent, on every side
+FINE = 1024  # leaf cells per axis from which on the size is estimated before building
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,21 +107,6 @@ def auto_spec(triangles: int) -> GridSpec:
     return GridSpec(top=8, leaf=min(leaf, 1024), reading="total")
 
 
-def check_spec(spec: GridSpec) -> None:
-    """Raise DefrayError for a resolution that makes no grid."""
-    if spec.reading not in ("total", "per-cell"):
-        raise DefrayError(f"unknown grid reading '{spec.reading}'; known: per-cell, total")
-    if spec.top < 1 or spec.leaf < 1:
-        raise DefrayError(f"grid resolutions must be at least 1, not top {spec.top} and leaf {spec.leaf}")
-    if spec.reading == "total" and spec.leaf % spec.top:
-        near = max(spec.top, round(spec.leaf / spec.top) * spec.top)
-        raise DefrayError(
-            f"top {spec.top} does not divide leaf {spec.leaf}; with reading 'total' take leaf {near}"
-        )
-    if spec.resolution > MAX_RESOLUTION:
-        raise DefrayError(f"grid {spec} has {spec.resolution} leaf cells an axis; at most {MAX_RESOLUTION}")
-
-
 def upload_scene(device: Device, triangles: np.ndarray, active: np.ndarray | None = None) -> DeviceScene:
     """Copy triangles float32[n,3,3] to the device; zero-area ones stay in the numbering but are not active.
 
@@ -127,7 +114,8 @@ def upload_scene(device: Device, triangles: np.ndarray, active: np.ndarray | Non
     """
     active = np.flatnonzero(~zero_area(triangles) if active is None else active).astype(np.int32)
     if not len(active):
-        raise DefrayError("the scene has no triangle with an area")
+        raise DefrayError("the scene has no triangle with an area (corners may coincide once rounded to float32)")
+    check_scale(triangles)
     if triangles.nbytes > device.max_allocation_bytes:
         need, most = triangles.nbytes / 2**30, device.max_allocation_bytes / 2**30
         raise DefrayError(f"the triangles need {need:.1f} GiB in one buffer; {device.name} allows {most:.1f}")
@@ -146,15 +134,44 @@ def grid_box(scene: DeviceScene, spec: GridSpec) -> tuple[np.ndarray, np.ndarray
     """Lower corner and cell size, float32[3] each: the scene's bounds and a margin."""
     extent = scene.upper - scene.lower
     largest = max(extent.max(), 1e-6 * np.abs(scene.upper).max(), 1e-30)
-    margin = np.maximum(extent, largest * MARGIN) * MARGIN + largest * 2.0**-20
+    # Also along an axis in which the scene is flat: rounding is that of the largest extent.
+    margin = largest * MARGIN
     lower = np.nextafter((scene.lower - margin).astype(np.float32), np.float32(-np.inf))
     size = (scene.upper + margin - lower.astype(np.float64)) / spec.resolution
     return lower, np.nextafter(size.astype(np.float32), np.float32(np.inf))
 
 
+def memory_limit(device: Device) -> int:
+    """Bytes a grid and its building may take."""
+    return min(device.memory_bytes, 16 * 2**30)
+
+
+def check_size(scene: DeviceScene, spec: GridSpec) -> None:
+    """Refuse a fine grid that cannot fit, before the work of finding out; raises DefrayError with a remedy.
+
+    A triangle overlaps at least as many cells as its projection along an axis covers squares.
+    """
+    if spec.resolution < FINE:
+        return
+    _, size = grid_box(scene, spec)
+    triangles, references = scene.triangles.get().reshape(-1, 3, 3), 0.0
+    for first in range(0, len(triangles), 1 << 20):
+        part = triangles[first : first + (1 << 20)].astype(np.float64) / size.astype(np.float64)
+        area = np.abs(np.cross(part[:, 1] - part[:, 0], part[:, 2] - part[:, 0])).max(axis=1) / 2
+        references += np.maximum(area, 1).sum()
+    need, limit = 12 * references, memory_limit(scene.device)
+    if need > limit:
+        fits = int(spec.leaf * math.sqrt(limit / need)) // spec.top * spec.top or spec.top
+        raise DefrayError(
+            f"grid {spec} needs at least {need / 2**30:.1f} GiB; the limit here is {limit / 2**30:.1f} GiB, "
+            f"which a leaf of about {fits} would meet"
+        )
+
+
 def build_grid(scene: DeviceScene, spec: GridSpec) -> Grid:
     """Build the grid; raises DefrayError for a bad resolution or one that needs too much memory."""
-    check_spec(spec)
+    check_grid(spec)
+    check_size(scene, spec)
     started = time.perf_counter()
     builder = _Builder(scene, spec)
     top_block = builder.count_references()
@@ -183,7 +200,8 @@ class _Builder:
         self.queue = scene.device.queue
         self.lower, self.cell_size = grid_box(scene, spec)
         self.program: Program = build(scene.device, "grid_build.cl", defines=walk_defines(spec))
-        self.pad = np.float32(PAD_ULP * 2.0**-24 * spec.resolution)
+        extent = spec.resolution * float(self.cell_size.max())
+        self.pad = vector(PAD_ULP * 2.0**-24 * extent / self.cell_size)
         self.blocks = 0
         self.references = 0
 
@@ -213,7 +231,7 @@ class _Builder:
         brick_bytes, entry_bytes = 12 * bricks, 12 * self.references
         need = brick_bytes + entry_bytes
         largest = max(8 * bricks, 4 * self.references)
-        limit = min(self.device.memory_bytes, 16 * 2**30)
+        limit = memory_limit(self.device)
         if bricks >= 2**27 or self.references >= 2**31 or need > limit or largest > self.device.max_allocation_bytes:
             raise DefrayError(
                 f"grid {self.spec} needs {need / 2**30:.1f} GiB ({self.references:,} references, "

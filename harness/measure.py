@@ -22,8 +22,6 @@ from harness.spec import RunSpec
 from harness.stopwatch import Stopwatch
 from harness.tracers._base import Setting, Tracer
 
-KEPT_SCENES = 1  # scenes that stay in memory between groups
-
 
 @dataclass(frozen=True)
 class Progress:
@@ -124,10 +122,20 @@ class SharedScene:
         return self._checkers[spec.check]
 
 
-@functools.lru_cache(maxsize=KEPT_SCENES)
+_kept: dict[tuple, SharedScene] = {}
+
+
 def shared_scene(name: str, device) -> SharedScene:
-    """Load a scene and keep it for the groups that follow."""
-    return SharedScene(load_scene(name), device)
+    """Load a scene and keep it for the groups that follow, in place of the one kept before."""
+    if (name, device) not in _kept:
+        forget_scenes()
+        _kept[name, device] = SharedScene(load_scene(name), device)
+    return _kept[name, device]
+
+
+def forget_scenes() -> None:
+    """Free the scene that is kept."""
+    _kept.clear()
 
 
 def warm_up(group: Group, run: Run) -> None:
@@ -187,7 +195,7 @@ def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
             "triangles": len(scene),
             "sha256": scene.sha256,
         },
-        "view": spec.view or (scene.views[0].name if scene.views else None),
+        "view": None if rays.kind in ("random", "file") else spec.view or scene.views[0].name,
         "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
         "grid": group.setting.grid.describe() if tracer.needs_grid else None,
         "tracer": tracer.name,
@@ -197,6 +205,7 @@ def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
         "rate": stats.rates(run.samples, len(rays), agreement.valid),
         "counters": dataclasses.asdict(run.counters),
         "agreement": agreement.to_record(),
+        "hits": int((run.hits.primitive >= 0).sum()),
         "hits_sha256": hits_hash(run.hits),
         "valid": agreement.valid,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,9 +15,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from harness.data import GridSpec
 from harness.errors import DefrayError, known
 from harness.record import first_problem
-from harness.spec import RAY_KINDS, Check, RunSpec, Variant
+from harness.spec import RAY_KINDS, Check, RunSpec, Variant, check_grid
 
-READINGS = ("total", "per-cell")
 UNITS = {"": 1, "k": 1_000, "M": 1_000_000, "G": 1_000_000_000}
 
 
@@ -28,10 +28,12 @@ def parse_count(text: str | int) -> int:
     if not match:
         raise DefrayError(f"'{text}' is not a count; write 64k, 1M or 1000000")
     unit = "k" if match[2] in "kK" and match[2] else match[2].upper()
-    count = round(float(match[1]) * UNITS[unit]) if "." in match[1] else int(match[1]) * UNITS[unit]
+    count = Fraction(match[1]) * UNITS[unit]
+    if count.denominator != 1:
+        raise DefrayError(f"'{text}' is not a whole number")
     if count <= 0:
         raise DefrayError(f"a count must be above zero, not '{text}'")
-    return count
+    return int(count)
 
 
 def parse_grid(text: str) -> GridSpec:
@@ -40,22 +42,6 @@ def parse_grid(text: str) -> GridSpec:
     if not match:
         raise DefrayError(f"'{text}' is not a grid; write top/leaf and a reading, as in '8/128 total'")
     return check_grid(GridSpec(int(match[1]), int(match[2]), match[3] or "total"))
-
-
-def check_grid(grid: GridSpec) -> GridSpec:
-    """`grid` itself; raises DefrayError for an unknown reading or a leaf resolution that does not fit."""
-    if grid.reading not in READINGS:
-        raise known("reading", grid.reading, READINGS)
-    if grid.top <= 0 or grid.leaf <= 0:
-        raise DefrayError(f"a grid needs at least one cell per axis, not {grid.top}/{grid.leaf}")
-    if grid.reading == "total" and grid.leaf % grid.top:
-        below, above = grid.leaf // grid.top * grid.top, (grid.leaf // grid.top + 1) * grid.top
-        fitting = f"{below} or {above}" if below else str(above)
-        raise DefrayError(
-            f"leaf {grid.leaf} is not a multiple of top {grid.top}, as reading 'total' needs; "
-            f"{fitting} would do"
-        )
-    return grid
 
 
 def check_variant(variant: Variant) -> Variant:
@@ -89,9 +75,10 @@ def make_spec(scene: str, variant: Variant, **fields: Any) -> RunSpec:
     if kind not in RAY_KINDS:
         raise known("kind of rays", kind, RAY_KINDS)
     if (kind == "file") != (ray_file is not None):
-        raise DefrayError("rays of kind 'file' need a ray file, and a ray file needs kind 'file'")
+        raise DefrayError("rays of kind 'file' need a ray file (--ray-file), and a ray file needs kind 'file'")
     if ray_file is not None and not Path(ray_file).is_file():
-        raise DefrayError(f"no ray file '{ray_file}'")
+        what = "is a folder" if ray_file and Path(ray_file).is_dir() else "does not exist"
+        raise DefrayError(f"ray file '{ray_file}' {what}")
     if fields.get("grid") is None and needs_grid(variant):
         raise DefrayError(f"tracer '{variant.tracer}' needs a grid")
     try:
@@ -156,7 +143,7 @@ class SweepEntry(_Strict):
 class Tier(_Strict):
     """Sweeps that are run together; `include` takes over those of other tiers of the file."""
 
-    about: str
+    about: str = ""
     include: list[str] = Field(default_factory=list)
     sweeps: list[SweepEntry] = Field(default_factory=list)
 
@@ -182,11 +169,15 @@ def read_sweep_file(path: Path | str) -> SweepFile:
 
 def expand(path: Path | str, tier: str) -> list[RunSpec]:
     """All different runs of a tier and the tiers it includes, in the file's order."""
+    from harness.scene import check_name
+
     file = read_sweep_file(path)
     runs: dict[str, RunSpec] = {}
     for name in _with_included(file, tier, path):
         for entry in file.tiers[name].sweeps:
             try:
+                for scene in entry.scenes:
+                    check_name(scene)
                 runs |= {spec.id: spec for spec in entry.specs() if spec.id not in runs}
             except DefrayError as error:
                 raise DefrayError(f"{path}: tier {name}, sweep '{entry.name}': {error}") from None

@@ -53,10 +53,10 @@ def build(
     options = [f"-D{name}={value}" for name, value in macros.items()]
     if device.correctly_rounded_divide:
         options.append("-cl-fp32-correctly-rounded-divide-sqrt")
-    seen: set[str] = set()
-    source = "".join(_expand(name, intersector, seen) for name in files)
-    key = (device.handle, source, tuple(options))
+    key = (device.handle, KERNELS, files, intersector, tuple(options))
     if key not in _programs:
+        seen: set[str] = set()
+        source = "".join(_expand(name, intersector, seen) for name in files)
         try:
             built = cl.Program(device.context, source).build(options=options)
         except cl.RuntimeError as error:

@@ -6,6 +6,7 @@ everywhere.
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -53,19 +54,19 @@ def make_rays(
     return checked(makers[kind]())
 
 
-def checked(rays: Rays) -> Rays:
+def checked(rays: Rays, where: str = "") -> Rays:
     """The rays themselves; raises DefrayError naming the first without a finite origin or direction."""
     if not len(rays):
-        raise DefrayError("at least one ray is needed, not zero")
+        raise DefrayError(f"{where}at least one ray is needed, not zero")
     finite = np.isfinite(rays.origins).all(axis=1) & np.isfinite(rays.directions).all(axis=1)
     if not finite.all():
-        raise DefrayError(f"ray {int(np.argmin(finite))} has an origin or direction that is not finite")
+        raise DefrayError(f"{where}ray {int(np.argmin(finite))} has an origin or direction that is not finite")
     moving = rays.directions.any(axis=1)
     if not moving.all():
-        raise DefrayError(f"ray {int(np.argmin(moving))} has a direction of zero length")
+        raise DefrayError(f"{where}ray {int(np.argmin(moving))} has a direction of zero length")
     limited = rays.t_max >= 0
     if not limited.all():
-        raise DefrayError(f"ray {int(np.argmin(limited))} has a negative t_max or one that is not a number")
+        raise DefrayError(f"{where}ray {int(np.argmin(limited))} has a negative t_max or one that is not a number")
     return rays
 
 
@@ -197,12 +198,14 @@ def read_rays(path: str | None, count: int | None = None) -> Rays:
         raise DefrayError(f"ray file {path} does not exist")
     try:
         rays = _read_npz(file) if file.suffix == ".npz" else _read_raw(file)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
         raise DefrayError(f"ray file {path} cannot be read: {error}") from error
-    return rays[:count] if count else rays
+    return checked(rays[:count] if count else rays, f"{path}: ")
 
 
 def _read_npz(file: Path) -> Rays:
+    if not zipfile.is_zipfile(file):
+        raise ValueError("it is no .npz archive")
     with np.load(file) as data:
         missing = [name for name in ("origins", "directions") if name not in data]
         if missing:

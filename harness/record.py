@@ -174,6 +174,7 @@ class Record(_Part):
     rate: Rates
     counters: CounterValues
     agreement: Agreement
+    hits: int | None = None
     hits_sha256: str | None = None
     valid: bool
 

@@ -21,6 +21,7 @@ from harness.errors import DefrayError, known
 from scenes import Recipe, recipes
 
 SEED = 1  # of every stand-in
+LARGEST, SMALLEST = 1e10, 1e-8  # coordinates and extent: cubes of lengths must neither overflow nor vanish
 OBJ_GROUPING = (["usemtl"], ["mtllib"], ["o"], ["g"])
 MESH_SUFFIXES = {".npz", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off", ".3mf", ".dae", ".xyz"}
 
@@ -35,6 +36,20 @@ class SceneStatus:
     origin: str
     licence: str
     paper: bool
+
+
+def check_name(name_or_path: str) -> None:
+    """Raise DefrayError for a scene that is certainly neither known nor a file."""
+    if name_or_path not in recipes() and not _looks_like_a_file(name_or_path):
+        raise DefrayError(f"{known('scene', name_or_path, recipes())}; or name a mesh file")
+
+
+def _looks_like_a_file(text: str) -> bool:
+    path = Path(text)
+    try:
+        return path.suffix.lower() in MESH_SUFFIXES or os.sep in text or path.is_file()
+    except (OSError, ValueError):  # too long for a path, or not one
+        return False
 
 
 def list_scenes() -> list[SceneStatus]:
@@ -60,15 +75,9 @@ def load_scene(name_or_path: str) -> Scene:
     Real geometry comes from the folder DEFRAY_SCENES; without it the stand-in is generated. Raises DefrayError
     for an unknown name, a missing, unreadable or altered file, an empty mesh, or a vertex that is not finite.
     """
-    path = Path(name_or_path)
-    try:
-        looks_like_a_file = path.suffix.lower() in MESH_SUFFIXES or os.sep in name_or_path or path.is_file()
-    except (OSError, ValueError):  # too long for a path, or not one
-        looks_like_a_file = False
-    if name_or_path not in recipes() and looks_like_a_file:
-        return _from_file(path)
+    check_name(name_or_path)
     if name_or_path not in recipes():
-        raise known("scene", name_or_path, recipes())
+        return _from_file(Path(name_or_path))
     recipe = recipes()[name_or_path]
     files = _real_files(recipe)
     if files:
@@ -188,7 +197,8 @@ def _read_mesh(path: Path) -> np.ndarray:
         meshes = loaded.dump() if isinstance(loaded, trimesh.Scene) else [loaded]
         parts = [(m.vertices, m.faces) for m in meshes if isinstance(m, trimesh.Trimesh)]
     except Exception as error:  # trimesh's readers raise whatever their parsers do
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        reason = "" if isinstance(error, ImportError) else " ".join(str(error).split())[:200]
+        reason = reason or f"damaged, or no {path.suffix[1:].upper()} at all"
         raise DefrayError(f"{path} cannot be read as a mesh: {reason}") from error
     if not parts:
         raise DefrayError(f"{path} holds no triangle")
@@ -216,6 +226,16 @@ def _corners(path: Path, vertices, faces) -> np.ndarray:
     return vertices[faces]
 
 
+def check_scale(triangles: np.ndarray, name: str = "the scene") -> None:
+    """Raise DefrayError where float32 arithmetic on the triangles would overflow or vanish."""
+    largest = float(np.abs(triangles).max())
+    extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    if largest > LARGEST:
+        raise DefrayError(f"coordinates of {name} reach {largest:.3g}; scale it so that they stay below {LARGEST:g}")
+    if 0 < extent < SMALLEST:
+        raise DefrayError(f"{name} is only {extent:.3g} large; scale it up to at least {SMALLEST:g}")
+
+
 def automatic_views(triangles: np.ndarray) -> tuple[View, ...]:
     """A three-quarter view from outside that holds the whole bounds, and one from the middle of them."""
     corners = triangles.reshape(-1, 3)
@@ -231,5 +251,6 @@ def automatic_views(triangles: np.ndarray) -> tuple[View, ...]:
 
 def _scene(name: str, triangles: np.ndarray, views: tuple[View, ...], source: str, licence: str) -> Scene:
     triangles = np.ascontiguousarray(triangles, np.float32)
+    check_scale(triangles, name)
     digest = hashlib.sha256(triangles.astype("<f4", copy=False).tobytes()).hexdigest()
     return Scene(name, triangles, views, source, digest, licence)

@@ -9,10 +9,33 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from harness.data import GridSpec
-from harness.errors import DefrayError
+from harness.errors import DefrayError, known
 
+READINGS = ("total", "per-cell")
+MOST_RAYS = 1_000_000_000  # a ray set is kept in memory, 28 bytes a ray
+MOST_TOP = 256  # cells per axis of the first level, which is stored whole
+MOST_CELLS = 1 << 16  # leaf cells per axis; beyond, float32 cannot tell neighbours apart
 RAY_KINDS = ("primary", "diffuse", "ambient-occlusion", "random", "file")
 Check = Literal["embree", "exact", "none"]
+
+
+def check_grid(grid: GridSpec) -> GridSpec:
+    """`grid` itself; raises DefrayError for a resolution that makes no grid."""
+    if grid.reading not in READINGS:
+        raise known("reading", grid.reading, READINGS)
+    if grid.top < 1 or grid.leaf < 1:
+        raise DefrayError(f"a grid needs at least one cell per axis, not {grid.top}/{grid.leaf}")
+    if grid.reading == "total" and grid.leaf % grid.top:
+        below, above = grid.leaf // grid.top * grid.top, (grid.leaf // grid.top + 1) * grid.top
+        fitting = f"{below} or {above}" if below else str(above)
+        raise DefrayError(
+            f"leaf {grid.leaf} is not a multiple of top {grid.top}, as reading 'total' needs; {fitting} would do"
+        )
+    if grid.top > MOST_TOP:
+        raise DefrayError(f"a grid has at most {MOST_TOP} top cells per axis, not {grid.top}")
+    if grid.resolution > MOST_CELLS:
+        raise DefrayError(f"grid {grid} has {grid.resolution} leaf cells per axis; at most {MOST_CELLS} make sense")
+    return grid
 
 
 class Variant(BaseModel):
@@ -57,8 +80,8 @@ class RunSpec(BaseModel):
     variant: Variant
     grid: GridSpec | None = None
     kind: str = "diffuse"
-    rays: int = Field(default=1_000_000, gt=0)
-    seed: int = 1
+    rays: int = Field(default=1_000_000, gt=0, le=MOST_RAYS)
+    seed: int = Field(default=1, ge=0, lt=2**63)
     view: str | None = None
     ray_file: str | None = None
     repetitions: int = Field(default=3, gt=0)

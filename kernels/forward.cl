@@ -25,13 +25,15 @@ kernel void trace_forward(const int count, global const Ray *rays, global ulong 
     int cells = 0;
     uint steps = 0;
     BEGIN_COUNTS
-    for (int cell = walk_next(&w, grid, &steps); cell != NO_CELL; cell = walk_next(&w, grid, &steps)) {
+    for (;;) {
+        // Finished when the best hit is not beyond the cells walked, empty ones included.
+        const int cell = walk_next(&w, grid, key_t(best), &steps);
+        if (cell == NO_CELL)
+            break;
         best = test_cell(&frame, triangles, references, cell_start[cell], cell_start[cell + 1], best);
         add_count(COUNT_TESTS, cell_start[cell + 1] - cell_start[cell]);
         add_count(COUNT_LANE_TESTS, LANES * ((cell_start[cell + 1] - cell_start[cell] + LANES - 1) / LANES));
         cells++;
-        if (key_t(best) <= w.t_exit)
-            break;
     }
     keys[i] = best;
     visited[i] = cells;
@@ -52,5 +54,5 @@ kernel void record_visited(const int count, global const Ray *rays, GRID_ARGUMEN
     walk_to(&w, positions[i]);
     uint steps = 0;
     for (int k = 0; k < visited[i]; ++k)
-        visited_cell[visited_start[i] + k] = walk_next(&w, grid, &steps);
+        visited_cell[visited_start[i] + k] = walk_next(&w, grid, INFINITY, &steps);
 }

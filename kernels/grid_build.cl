@@ -7,7 +7,7 @@
 typedef struct {
     int3 low, high;        // leaf positions, inclusive
     float3 base;           // what vertices and cells are measured from, to keep numbers small
-    float radius;          // half a cell and the pad
+    float3 half_size;      // half a cell and the pad
     float3 normal;
     float plane_low, plane_high;
     float3 edge[3];
@@ -20,21 +20,22 @@ inline float3 grid_vertex(global const float *triangles, int primitive, int corn
 }
 
 // Interval of a projection axis with coefficients (p, q) that a cell's centre must fall into.
-inline void axis_interval(Overlap *o, int axis, float a, float b, float coefficients, float span)
+inline void axis_interval(Overlap *o, int axis, float a, float b, float2 coefficients, float2 half_size, float span)
 {
-    const float slack = coefficients * (o->radius + span * 0x1p-20f);
+    const float slack = dot(coefficients, half_size) + (coefficients.x + coefficients.y) * span * 0x1p-20f;
     o->axis_low[axis] = min(a, b) - slack;
     o->axis_high[axis] = max(a, b) + slack;
 }
 
-inline Overlap overlap_setup(float3 a, float3 b, float3 c, float pad)
+inline Overlap overlap_setup(float3 a, float3 b, float3 c, float3 pad)
 {
     Overlap o;
     const float3 smallest = min(a, min(b, c)), largest = max(a, max(b, c));
     o.low = clamp(convert_int3_rtn(smallest - pad), (int3)(0), (int3)(RESOLUTION - 1));
     o.high = clamp(convert_int3_rtn(largest + pad), (int3)(0), (int3)(RESOLUTION - 1));
     o.base = convert_float3(o.low);
-    o.radius = 0.5f + pad;
+    o.half_size = 0.5f + pad;
+    const float3 h = o.half_size;
     a -= o.base, b -= o.base, c -= o.base;
     o.edge[0] = b - a, o.edge[1] = c - b, o.edge[2] = a - c;
     const float3 opposite[3] = {c, a, b}, start[3] = {a, b, c};
@@ -42,14 +43,14 @@ inline Overlap overlap_setup(float3 a, float3 b, float3 c, float pad)
     const float span = max(reach.x, max(reach.y, reach.z)) + 2.0f;
     for (int i = 0; i < 3; ++i) {
         const float3 e = o.edge[i], p = start[i], q = opposite[i], m = fabs(e);
-        axis_interval(&o, 3 * i + 0, e.z * p.y - e.y * p.z, e.z * q.y - e.y * q.z, m.z + m.y, span);
-        axis_interval(&o, 3 * i + 1, e.x * p.z - e.z * p.x, e.x * q.z - e.z * q.x, m.x + m.z, span);
-        axis_interval(&o, 3 * i + 2, e.y * p.x - e.x * p.y, e.y * q.x - e.x * q.y, m.y + m.x, span);
+        axis_interval(&o, 3 * i + 0, e.z * p.y - e.y * p.z, e.z * q.y - e.y * q.z, m.zy, h.yz, span);
+        axis_interval(&o, 3 * i + 1, e.x * p.z - e.z * p.x, e.x * q.z - e.z * q.x, m.xz, h.zx, span);
+        axis_interval(&o, 3 * i + 2, e.y * p.x - e.x * p.y, e.y * q.x - e.x * q.y, m.yx, h.xy, span);
     }
     // A sliver's normal is mostly rounding: its slack grows with the product of the edges.
     o.normal = cross(o.edge[0], o.edge[1]);
     const float size = fabs(o.normal.x) + fabs(o.normal.y) + fabs(o.normal.z);
-    const float slack = size * (o.radius + span * 0x1p-20f) + span * span * span * 0x1p-20f;
+    const float slack = dot(fabs(o.normal), h) + size * span * 0x1p-20f + span * span * span * 0x1p-20f;
     const float distance = dot(o.normal, a);
     o.plane_low = distance - slack;
     o.plane_high = distance + slack;
@@ -72,7 +73,7 @@ inline int overlaps(const Overlap *o, int3 cell)
     return s >= o->plane_low && s <= o->plane_high;
 }
 
-// The part of a row of cells along x that the triangle's plane can pass through, one cell more either side.
+// The part of a row of cells along x that the triangle's plane can pass through, and a little more either side.
 inline int2 row_range(const Overlap *o, int y, int z)
 {
     const float n = o->normal.x;
@@ -108,7 +109,7 @@ inline int top_of(int3 cell)
 
 #define TRIANGLE_ARGUMENTS                                                                                  \
     const int active_count, global const int *active, global const float *triangles, const float3 lower,    \
-        const float3 inverse_cell, const float pad
+        const float3 inverse_cell, const float3 pad
 #define LOAD_OVERLAP                                                                                        \
     const int i = get_global_id(0);                                                                         \
     if (i >= active_count)                                                                                  \

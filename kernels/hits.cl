@@ -11,7 +11,9 @@ kernel void write_hits(const int count, global const Ray *rays, global const ulo
     if (i >= count)
         return;
     const ulong key = keys[i];
-    const int hit = key_primitive(key) != NO_PRIMITIVE;
+    const float distance = ldexp(key_t(key), -rays[i].exponent);
+    // A t that only overflows in the ray's own units is out of reach.
+    const int hit = key_primitive(key) != NO_PRIMITIVE && isfinite(distance);
     t[i] = INFINITY;
     primitive[i] = -1;
     u[i] = v[i] = 0.0f;
@@ -21,9 +23,9 @@ kernel void write_hits(const int count, global const Ray *rays, global const ulo
     const RayLanes lanes = {r.ox, r.oy, r.oz, r.dx, r.dy, r.dz};
     const Frame frame = intersector_setup(lanes);
     const Triangle triangle = broadcast_triangle(triangles, (int)key_primitive(key));
-    real exact_t = 0.0f, hit_u = 0.0f, hit_v = 0.0f;
-    intersector_test(&frame, &triangle, &exact_t, &hit_u, &hit_v);
-    t[i] = ldexp(key_t(key), -r.exponent);
+    real scaled_t = 0.0f, hit_u = 0.0f, hit_v = 0.0f;
+    intersector_test(&frame, &triangle, &scaled_t, &hit_u, &hit_v);
+    t[i] = distance;
     primitive[i] = (int)key_primitive(key);
     u[i] = hit_u;
     v[i] = hit_v;

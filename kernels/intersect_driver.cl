@@ -1,4 +1,4 @@
-// Closest-hit policy around an intersector: bins of the deferred tracer, brute force, and the final hits.
+// Closest-hit policy around an intersector, for the bins of the deferred tracer and for brute force.
 // INTERSECTOR names the file of the ray/triangle test.
 #include "common.clh"
 #include INTERSECTOR
@@ -15,6 +15,7 @@ inline RayLanes gather_rays(global const Ray *rays, global const ulong *keys, gl
         const Ray r = rays[i];
         field[0][lane] = r.ox, field[1][lane] = r.oy, field[2][lane] = r.oz;
         field[3][lane] = r.dx, field[4][lane] = r.dy, field[5][lane] = r.dz;
+        // Other work-items may lower the key meanwhile; an older, larger t only tests more.
         field[6][lane] = ray[lane] < 0 ? -1.0f : just_above(key_t(keys[i]));
     }
     RayLanes lanes;
@@ -96,10 +97,10 @@ kernel void intersect_all(const int chunks, const int blocks, const int block_si
                           const int active_count, global const int *active_triangles,
                           global const float *triangles, global const Ray *rays, global ulong *keys COUNTERS)
 {
-    const int id = get_global_id(0);
-    if (id >= chunks * blocks)
+    const size_t id = get_global_id(0);
+    if (id >= (size_t)chunks * blocks)
         return;
-    const int chunk = id % chunks, begin = id / chunks * block_size;
+    const int chunk = (int)(id % chunks), begin = (int)(id / chunks) * block_size;
     const int end = min(begin + block_size, active_count);
     real best_t;
     lane_index ray_of_lane, best = (lane_index)(-1);

@@ -70,7 +70,7 @@ inline walk_int group_step(Group *g, const Grid grid, int wave)
     const walk_int cell = walk_step(&g->walk, grid, g->go);
     const walk_int met = g->go & (cell >= 0);
     g->stored += walk_pick((walk_int)(0), (walk_int)(1), met);
-    const walk_int enough = (g->stored >= wave) | (met & (g->limit <= g->walk.t_exit));
+    const walk_int enough = (g->stored >= wave) | (g->limit <= g->walk.t_exit);
     g->go &= walk_inside(&g->walk) & walk_not(enough);
     return walk_pick((walk_int)(NO_CELL), cell, met);
 }
@@ -135,7 +135,8 @@ kernel void pack_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_
     save_group(&group, first, active_count, active, positions, t_exit);
 }
 
-// Walks once and remembers each ray's cells, `wave` + 1 slots a ray: every step stores, a met cell moves on.
+// Walks once and remembers each ray's cells, here at most `wave` of them in `wave` + 1 slots a ray: every step
+// stores, a met cell moves on.
 kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_exit, global int *recorded,
                          global int *recorded_count COUNTERS)
 {

@@ -8,7 +8,8 @@ from shapes import icosphere, lattice_walls, soup
 
 from harness.data import GridSpec
 from harness.errors import DefrayError
-from harness.grid import BRICK, auto_spec, build_grid, check_spec, grid_box, upload_scene
+from harness.grid import BRICK, auto_spec, build_grid, grid_box, upload_scene
+from harness.spec import check_grid
 
 SPECS = [GridSpec(1, 1), GridSpec(2, 6), GridSpec(4, 20), GridSpec(8, 32), GridSpec(3, 5, "per-cell")]
 
@@ -112,15 +113,16 @@ def test_flat_and_distant_scenes_build(device, offset):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        (GridSpec(8, 100), "top 8 does not divide leaf 100; with reading 'total' take leaf 96"),
+        (GridSpec(8, 100), "leaf 100 is not a multiple of top 8, as reading 'total' needs; 96 or 104 would do"),
         (GridSpec(0, 8), "at least 1"),
-        (GridSpec(8, 64, "each"), "unknown grid reading 'each'"),
-        (GridSpec(1024, 4096, "per-cell"), "at most"),
+        (GridSpec(8, 64, "each"), "unknown reading 'each'"),
+        (GridSpec(512, 512), "at most 256 top cells"),
+        (GridSpec(256, 4096, "per-cell"), "at most 65536"),
     ],
 )
 def test_a_resolution_that_makes_no_grid_is_refused(spec, message):
     with pytest.raises(DefrayError, match=message):
-        check_spec(spec)
+        check_grid(spec)
 
 
 def test_a_grid_beyond_the_memory_is_refused_with_its_size(device):

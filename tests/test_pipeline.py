@@ -37,7 +37,7 @@ def mesh_file(tmp_path):
     ball = icosphere(3)
     trimesh.Trimesh(ball.reshape(-1, 3), np.arange(3 * len(ball)).reshape(-1, 3), process=False).export(file)
     yield str(file)
-    measure.shared_scene.cache_clear()
+    measure.forget_scenes()
 
 
 def specs(mesh_file, variants=VARIANTS, **fields) -> list[RunSpec]:

@@ -150,6 +150,46 @@ def test_counters_are_exact_and_repeat(device):
     assert forward.tests <= two_pass.tests
 
 
+@pytest.mark.parametrize("thickness", [0.0, 1e-7, 1e-6, 1e-5, 1e-4, 1e-2])
+@pytest.mark.parametrize("distance", [1, 4])
+def test_flat_and_thin_scenes_seen_from_afar(device, thickness, distance):
+    """Along an axis in which the scene is thin, rounding is that of its largest extent."""
+    generator = np.random.default_rng(6)
+    triangles = soup(3000, size=0.03) * np.float32([1, 1, thickness])
+    setting = setting_of(device, triangles, GridSpec(8, 128))
+    target = generator.random((1500, 3)) * [1, 1, thickness]
+    towards = generator.normal(size=(1500, 3))
+    origins = (target - distance * towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
+    rays = Rays(origins, (target - origins).astype(np.float32), np.full(1500, np.inf, np.float32))
+    expected = hits_of(setting, rays, "brute")
+    assert (expected.primitive >= 0).mean() > 0.1
+    for tracer in GRID_TRACERS:
+        assert differing(hits_of(setting, rays, tracer), expected) == 0, tracer
+
+
+def test_a_limited_ray_does_not_walk_on_through_empty_space(device):
+    setting = setting_of(device, icosphere(2), GridSpec(4, 32))
+    rays = random_rays(500, low=-0.3, high=0.3)
+    short = dataclasses.replace(rays, t_max=np.full(500, 0.02, np.float32))
+    for tracer in ("deferred", "forward"):
+        made = tracers.find(tracer)(setting, INTERSECTORS["ray-space"], {})
+        assert made.count(short).steps < 0.2 * made.count(rays).steps
+        assert made.count(short).tests == 0
+
+
+def test_a_distance_that_overflows_is_a_miss_for_every_tracer(device):
+    """Not a hit at infinity for one and a miss for another."""
+    tiny = (soup(5) * np.float32(2e-20)).astype(np.float32)
+    triangles = np.concatenate([soup(50), tiny + np.float32(0)])
+    setting = setting_of(device, triangles)
+    rays = random_rays(2000)
+    for name in INTERSECTORS:
+        expected = hits_of(setting, rays, "brute", name)
+        assert np.isfinite(expected.t[expected.primitive >= 0]).all()
+        for tracer in GRID_TRACERS:
+            assert differing(hits_of(setting, rays, tracer, name), expected) == 0
+
+
 @pytest.mark.parametrize("arrange", ["two-pass", "record"])
 def test_a_batch_whose_pairs_do_not_fit_is_halved(device, arrange):
     triangles, rays = SCENES["soup"]
@@ -161,6 +201,10 @@ def test_a_batch_whose_pairs_do_not_fit_is_halved(device, arrange):
     assert made.batch_size < len(rays)
     assert hits.tobytes() == hits_of(setting_of(device, triangles), rays, "brute").tobytes()
     assert watch.seconds["traverse"] <= watch.seconds["total"]
+    options = {"wave": "all", "arrange": arrange}
+    halved = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], options).count(rays)
+    options["batch"] = str(made.batch_size)
+    assert halved == tracers.find("deferred")(setting, INTERSECTORS["ray-space"], options).count(rays)
     tiny = dataclasses.replace(setting, device=dataclasses.replace(device, max_allocation_bytes=1 << 10))
     with pytest.raises(DefrayError, match="use a coarser grid"):
         hits_of(tiny, rays, "deferred", wave="all", arrange=arrange)

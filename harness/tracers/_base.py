@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -10,10 +12,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from harness.data import Counters, Hits, Rays, Scene
+from harness.data import Counters, GridSpec, Hits, Rays, Scene
 from harness.device import Device
-from harness.errors import DefrayError
-from harness.grid import DeviceScene, Grid, upload_scene
+from harness.errors import DefrayError, known
+from harness.grid import DeviceScene, Grid, upload_scene, walk_defines
 from harness.intersectors import Intersector
 from harness.program import Program, build
 from harness.runtime import cl
@@ -34,7 +36,7 @@ class DeviceOptions(Options):
     """Options of every tracer that runs on an OpenCL device."""
 
     lanes: Literal["auto", "1", "4", "8", "16"] = "auto"
-    batch: int = Field(default=1 << 20, gt=0, description="rays on the device at a time")
+    batch: int = Field(default=1 << 20, ge=64, le=1 << 26, description="rays on the device at a time")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +85,9 @@ def parse_options(tracer: type[Tracer], options: dict[str, str]) -> Options:
         first = error.errors()[0]
         name = str(first["loc"][0]) if first["loc"] else "?"
         if first["type"] == "extra_forbidden":
-            from harness.errors import known
-
             raise known(f"option of tracer {tracer.name}", name, tracer.Options.model_fields) from None
-        raise DefrayError(f"option {name}={options.get(name)} of {tracer.name}: {first['msg'].lower()}") from None
+        reason = first["msg"].removeprefix("Value error, ").lower()
+        raise DefrayError(f"option {name}={options.get(name)} of {tracer.name}: {reason}") from None
 
 
 class Batch:
@@ -125,6 +126,7 @@ class DeviceTracer(Tracer):
     """A tracer that runs OpenCL kernels over batches of rays, in bounded device memory."""
 
     default_lanes: ClassVar[int | None] = None  # None: the device's own
+    start_stage: ClassVar[str | None] = None  # stage that preparing the rays belongs to, beside the total
 
     def __init__(self, setting: Setting, intersector: Intersector | None, options: dict[str, str]):
         super().__init__(setting, intersector, options)
@@ -158,9 +160,6 @@ class DeviceTracer(Tracer):
 
     @cached_property
     def _start_program(self) -> Program:
-        from harness.data import GridSpec
-        from harness.grid import walk_defines
-
         spec = self.grid.spec if self.grid else GridSpec(1, 1)
         return build(self.device, "start.cl", defines=walk_defines(spec))
 
@@ -190,22 +189,39 @@ class DeviceTracer(Tracer):
         """First hits, batch by batch; a batch whose pairs do not fit is halved and started again."""
         parts, first = [], 0
         while first < len(rays):
-            batch = Batch(self.device, rays[first : first + self.batch_size])
+            count = len(rays[first : first + self.batch_size])
+            before = self._counts_so_far()
             try:
-                self.prepare(batch)
-                with watch.total():
-                    self.start(batch)
-                    self.trace_batch(batch, watch)
-                    self.finish(batch)
-            except BatchTooLarge as error:
-                self._halve(batch.count, error)
+                batch = self._trace_one(rays[first : first + count], watch)
+            except (BatchTooLarge, cl.MemoryError) as error:
+                self._restore_counts(before)
+                self._halve(count, error)
                 continue
             parts.append(batch.download())
             first += batch.count
         columns = zip(*((p.t, p.primitive, p.u, p.v) for p in parts), strict=True)
         return Hits(*(np.concatenate(column) for column in columns))
 
-    def _halve(self, count: int, error: BatchTooLarge) -> None:
+    def _trace_one(self, rays: Rays, watch: Stopwatch) -> Batch:
+        batch = Batch(self.device, rays)
+        self.prepare(batch)
+        with watch.total():
+            with watch.stage(self.start_stage) if self.start_stage else nullcontext():
+                self.start(batch)
+            self.trace_batch(batch, watch)
+            self.finish(batch)
+        return batch
+
+    def _counts_so_far(self) -> tuple | None:
+        return None if self.counters is None else (self.counters.get(), copy.deepcopy(self.counted))
+
+    def _restore_counts(self, before: tuple | None) -> None:
+        """Forget what a batch that failed has counted."""
+        if before is not None:
+            self.counters.set(before[0])
+            self.counted = before[1]
+
+    def _halve(self, count: int, error: Exception) -> None:
         if count <= SMALLEST_BATCH:
             raise DefrayError(f"a batch of {count} rays needs {error}; use a coarser grid") from error
         self.batch_size = -(-count // 2)

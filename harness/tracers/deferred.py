@@ -20,6 +20,7 @@ from harness.stopwatch import Stopwatch
 from harness.tracers._base import Batch, BatchTooLarge, DeviceOptions, DeviceTracer
 
 ENDLESS = 1 << 30  # more non-empty cells than a ray can meet
+LONGEST_WAVE = 4096  # cells; beyond, say `all`
 SEGMENT = 32  # cells a ray that one recording pass remembers at most
 
 
@@ -33,8 +34,8 @@ class DeferredOptions(DeviceOptions):
     @field_validator("wave")
     @classmethod
     def _positive_or_all(cls, wave: str) -> str:
-        if wave != "all" and not (wave.isdigit() and int(wave) > 0):
-            raise ValueError("must be a positive whole number or 'all'")
+        if wave != "all" and not (wave.isdigit() and 0 < int(wave) <= LONGEST_WAVE):
+            raise ValueError(f"must be a whole number from 1 to {LONGEST_WAVE}, or 'all'")
         return wave
 
     @property
@@ -49,6 +50,8 @@ class Deferred(DeviceTracer):
     name = "deferred"
     needs_grid = True
     Options = DeferredOptions
+    start_stage = "traverse"
+    warm_up_rays = 1 << 20  # PoCL compiles kernels anew for small launches, so few rays would warm only those
 
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """All waves of one batch."""
@@ -68,6 +71,7 @@ class Deferred(DeviceTracer):
                 bins.lay_out()
                 arranged.scatter()
             if not bins.chunks:
+                self._count_finished(active_count)
                 break
             with watch.stage("traverse"):
                 arranged.walk_again()
@@ -126,6 +130,7 @@ class _Bins:
         if 4 * slots > self.device.max_allocation_bytes or slots >= 2**31 or self.chunks < 0:
             raise BatchTooLarge(f"{4 * slots / 2**20:.1f} MiB for its pairs")
         if len(self.pairs) < slots:
+            self.pairs = None  # freed before its successor is made
             self.pairs = cl.array.empty(self.device.queue, slots, np.int32)
         if len(self.chunk_cell) < self.chunks:
             self.chunk_cell = cl.array.empty(self.device.queue, self.chunks, np.int32)
@@ -181,6 +186,7 @@ class _Segment:
             raise BatchTooLarge(f"{8 * places / 2**20:.1f} MiB for its recorded cells")
         self.cells, self.ranks = (cl.array.empty(device.queue, places, np.int32) for _ in range(2))
         self.lengths = cl.array.empty(device.queue, count, np.int32)
+        self.bytes = 8 * places + 4 * count
 
 
 class _Record:
@@ -200,6 +206,8 @@ class _Record:
             segment = _Segment(self.tracer.device, active, count, length)
             self._record(segment, length)
             self.segments.append(segment)
+            if sum(s.bytes for s in self.segments) > self.tracer.device.memory_bytes / 2:
+                raise BatchTooLarge("half of the device's memory for its recorded cells")
             left -= length
             if left > 0:
                 following = cl.array.empty(queue, count, np.int32)
