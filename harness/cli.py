@@ -12,6 +12,7 @@ import typer
 
 from harness.errors import DefrayError
 
+UsageError = typer.BadParameter.__base__  # Typer names no other way to it
 app = typer.Typer(
     name="defray",
     no_args_is_help=True,
@@ -29,7 +30,7 @@ SceneArgument = Annotated[
     str, typer.Argument(metavar="SCENE_OR_FILE", help="A name that 'defray scenes' lists, or a mesh file.")
 ]
 RaysOption = Annotated[str, typer.Option(metavar="COUNT", help="Number of rays: 64k, 1M, 2500000.")]
-KindOption = Annotated[str, typer.Option(help="primary, diffuse, ambient-occlusion or random.")]
+KindOption = Annotated[str, typer.Option(help="primary, diffuse, ambient-occlusion or random; see --ray-file.")]
 SeedOption = Annotated[int, typer.Option(help="Seed of the rays; the same seed gives the same rays.")]
 ViewOption = Annotated[str | None, typer.Option(help="Camera of the scene; its first by default.")]
 TopOption = Annotated[int, typer.Option(help="Cells per axis of the grid's first level.")]
@@ -87,10 +88,16 @@ def trace(
         str, typer.Option(help="deferred, forward, work-optimal, brute or embree.")
     ] = "deferred",
     intersector: Annotated[
-        str | None, typer.Option(help="Ray/triangle test; ray-space unless the tracer has its own.")
+        str | None,
+        typer.Option(help="Ray/triangle test: ray-space (default) or moller-trumbore; embree has its own."),
     ] = None,
     option: Annotated[
-        list[str] | None, typer.Option(metavar="KEY=VALUE", help="Option of the tracer; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="Option of the tracer, may be repeated: wave, arrange, compaction (deferred), lanes, batch, "
+            "robust, threads (embree).",
+        ),
     ] = None,
     rays: RaysOption = "1M",
     kind: KindOption = "diffuse",
@@ -98,7 +105,11 @@ def trace(
     view: ViewOption = None,
     ray_file: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help=".npz with your own rays, instead of --kind and --rays."),
+        typer.Option(
+            metavar="FILE",
+            help="Your own rays instead of --kind: .npz with 'origins' and 'directions' float[n,3] and maybe "
+            "'t_max' float[n], or raw little-endian 6 x float32 a ray; the first --rays of them.",
+        ),
     ] = None,
     top: TopOption = 8,
     leaf: LeafOption = 128,
@@ -118,7 +129,7 @@ def trace(
             raise DefrayError(f"--option '{part}' is not of the form key=value, as in: --option wave=8")
     text = ":".join(part for part in (tracer, intersector, *(option or [])) if part)
     common = _common(rays, kind, seed, view, repetitions, check)
-    if ray_file:
+    if ray_file is not None:
         common |= {"kind": "file", "ray_file": ray_file}
     grid = check_grid(GridSpec(top, leaf, reading))
     specs = list(interleaved(scene, [Variant.parse(text)], [grid], **common))
@@ -160,6 +171,7 @@ def compare(
     from harness.compare import comparison
     from harness.data import GridSpec
     from harness.plan import check_grid, interleaved
+    from harness.scene import check_name
     from harness.spec import Variant
 
     if len(variants) < 2:
@@ -167,9 +179,11 @@ def compare(
     grid = check_grid(GridSpec(top, leaf, reading))
     common = _common(rays, kind, seed, view, repetitions, check)
     parsed = [Variant.parse(text) for text in variants]
-    named = [name.strip() for name in scenes.split(",") if name.strip()]
+    named = list(dict.fromkeys(name.strip() for name in scenes.split(",") if name.strip()))
     if not named:
         raise DefrayError(f"--scenes '{scenes}' names no scene")
+    for name in named:
+        check_name(name)
     groups = [list(interleaved(name, parsed, [grid], **common)) for name in named]
     if any(len({spec.id for spec in group}) < len(group) for group in groups):
         raise DefrayError("the same variant is named twice")
@@ -218,7 +232,7 @@ def views(
     from harness.record import RecordFile
     from harness.render import write_views
 
-    records = RecordFile(folder / "records.jsonl").read()
+    records = RecordFile(_records_of(folder)).read()
     names = list(dict.fromkeys(record["scene"]["name"] for record in records if record["view"]))
     for file in write_views(folder / "views", names, open_device(device)):
         typer.echo(file)
@@ -231,11 +245,16 @@ def report(
     """Draw figures and tables of a sweep's records and write report.html; prints where it is."""
     from harness.report import write_report
 
-    if not (folder / "records.jsonl").is_file():
-        raise DefrayError(
-            f"{folder} has no records.jsonl; run a sweep first: defray sweep FILE --out {folder}"
-        )
+    _records_of(folder)
     typer.echo(write_report(folder))
+
+
+def _records_of(folder: Path) -> Path:
+    """The records of a sweep's folder; raises DefrayError where there are none."""
+    file = folder / "records.jsonl"
+    if not file.is_file():
+        raise DefrayError(f"{folder} has no records.jsonl; run a sweep first: defray sweep FILE --out {folder}")
+    return file
 
 
 def _common(rays: str, kind: str, seed: int, view: str | None, repetitions: int, check: str) -> dict:
@@ -262,6 +281,7 @@ def _measure(specs: list, device_part: str | None) -> list[dict]:
     from rich.console import Console
     from rich.markup import escape
 
+    from harness import tracers
     from harness.device import open_device
     from harness.pipeline import run_group
     from harness.progress import run_name
@@ -269,7 +289,8 @@ def _measure(specs: list, device_part: str | None) -> list[dict]:
 
     console = Console(stderr=True)
     done = {}
-    device = open_device(device_part)
+    needed = any(tracers.find(spec.variant.tracer).needs_device for spec in specs)
+    device = open_device(device_part) if needed else None
     with console.status("starting") as status:
 
         def progress(step) -> None:
@@ -294,7 +315,7 @@ def _print_table(table) -> None:
 
 def _exit_by_checks(records: list[dict]) -> None:
     """Exit 1, with a line on standard error, when a check failed."""
-    failed = [record for record in records if not record["valid"]]
+    failed = [r for r in records if not r["valid"] and r["agreement"]["reference"] != "none"]
     if failed:
         from harness.progress import disagreement
 
@@ -314,12 +335,19 @@ def _print_error(message: str) -> None:
 def main() -> None:
     """Entry point of `defray`: errors become one line on standard error and a non-zero exit code."""
     try:
-        app(prog_name="defray")
+        sys.exit(app(prog_name="defray", standalone_mode=False))
     except DefrayError as error:
         _print_error(str(error))
         sys.exit(2)
-    except KeyboardInterrupt:
+    except UsageError as error:
+        where = error.ctx.command_path if error.ctx else "defray"
+        _print_error(f"{error.format_message()} ('{where} --help' explains)")
+        sys.exit(2)
+    except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)
+    except MemoryError:
+        _print_error("not enough memory; take fewer rays, a smaller scene or a coarser grid")
+        sys.exit(2)
     except Exception as error:
         if os.environ.get("DEFRAY_TRACEBACK"):
             raise

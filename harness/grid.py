@@ -149,19 +149,24 @@ def memory_limit(device: Device) -> int:
 def check_size(scene: DeviceScene, spec: GridSpec) -> None:
     """Refuse a fine grid that cannot fit, before the work of finding out; raises DefrayError with a remedy.
 
-    A triangle overlaps at least as many cells as its projection along an axis covers squares.
+    Lower bounds: a triangle overlaps at least as many cells as its projection along an axis covers squares, and a
+    top cell that holds a corner of a triangle holds a block.
     """
     if spec.resolution < FINE:
         return
-    _, size = grid_box(scene, spec)
-    triangles, references = scene.triangles.get().reshape(-1, 3, 3), 0.0
+    lower, size = (values.astype(np.float64) for values in grid_box(scene, spec))
+    triangles, references, used = scene.triangles.get().reshape(-1, 3, 3), 0.0, np.zeros(spec.top**3, bool)
     for first in range(0, len(triangles), 1 << 20):
-        part = triangles[first : first + (1 << 20)].astype(np.float64) / size.astype(np.float64)
-        area = np.abs(np.cross(part[:, 1] - part[:, 0], part[:, 2] - part[:, 0])).max(axis=1) / 2
+        corners = (triangles[first : first + (1 << 20)] - lower) / size
+        area = np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])).max(axis=1) / 2
         references += np.maximum(area, 1).sum()
-    need, limit = 12 * references, memory_limit(scene.device)
+        top = np.clip(corners.reshape(-1, 3) / spec.leaf_per_top, 0, spec.top - 1).astype(np.int64)
+        used[(top[:, 2] * spec.top + top[:, 1]) * spec.top + top[:, 0]] = True
+    blocks = 12.0 * used.sum() * bricks_per_block(spec)
+    need, limit = 12 * references + blocks, memory_limit(scene.device)
     if need > limit:
-        fits = int(spec.leaf * math.sqrt(limit / need)) // spec.top * spec.top or spec.top
+        share = min(math.sqrt(limit / (24 * references)), math.cbrt(limit / (2 * blocks)))
+        fits = max(int(spec.leaf * share) // spec.top, 1) * spec.top
         raise DefrayError(
             f"grid {spec} needs at least {need / 2**30:.1f} GiB; the limit here is {limit / 2**30:.1f} GiB, "
             f"which a leaf of about {fits} would meet"

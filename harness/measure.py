@@ -97,7 +97,7 @@ class SharedScene:
     def __init__(self, scene: Scene, device):
         self.scene = scene
         self.active = ~zero_area(scene.triangles)
-        self.setting = Setting.on_device(scene, device, self.active)
+        self.setting = Setting.on_device(scene, device, self.active) if device else Setting(scene)
         self._rays: dict[tuple, Rays] = {}
         self._checkers: dict[tuple, Checker] = {}
 

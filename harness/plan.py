@@ -30,7 +30,7 @@ def parse_count(text: str | int) -> int:
     unit = "k" if match[2] in "kK" and match[2] else match[2].upper()
     count = Fraction(match[1]) * UNITS[unit]
     if count.denominator != 1:
-        raise DefrayError(f"'{text}' is not a whole number")
+        raise DefrayError(f"'{text}' is not a count: not a whole number")
     if count <= 0:
         raise DefrayError(f"a count must be above zero, not '{text}'")
     return int(count)

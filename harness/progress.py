@@ -156,6 +156,9 @@ class Display:
     def finished(self, spec: RunSpec, record: dict) -> None:
         """Print the line of one stored run."""
         self.time_left.triangles[spec.scene] = record["scene"]["triangles"]
+        if record["agreement"]["reference"] == "none":
+            self._line(spec, "not checked, hence no rate")
+            return
         if not record["valid"]:
             self._line(spec, f"[red]check failed: {escape(disagreement(record['agreement']))}, no rate[/red]")
             return

@@ -41,7 +41,8 @@ def _record_rows(record: dict):
     scene, rays, grid = record["scene"], record["rays"], record["grid"]
     stand_in = " [yellow](stand-in)[/yellow]" if scene["source"] == "stand-in" else ""
     yield "scene", f"{escape(scene['name'])}{stand_in}, {scene['triangles']:,} triangles"
-    yield "rays", f"{rays['count']:,} {rays['kind']}, seed {rays['seed']}"
+    share = "" if record["hits"] is None else f", {record['hits'] / rays['count']:.1%} hit"
+    yield "rays", f"{rays['count']:,} {rays['kind']}, seed {rays['seed']}{share}"
     if grid:
         yield (
             "grid",
@@ -62,8 +63,16 @@ def _record_rows(record: dict):
     for stage in ("traverse", "intersect", "total"):
         if record["rate"][stage]:
             yield stage, rate_text(record["rate"][stage])
+    if not record["hits"]:
+        yield "", "[yellow]no ray hits anything[/yellow]"
     if not record["valid"]:
-        yield "total", "[red]check failed: no rate[/red]"
+        yield "total", no_rate(record)
+
+
+def no_rate(record: dict) -> str:
+    """Why a record has no rate."""
+    unchecked = record["agreement"]["reference"] == "none"
+    return "[yellow]not checked, hence no rate[/yellow]" if unchecked else "[red]check failed: no rate[/red]"
 
 
 def agreement_text(agreement: dict) -> str:
@@ -98,7 +107,7 @@ def comparison_table(result: dict) -> Table:
         ratio = "1 (base)" if row["valid"] and row["variant"] == result["base"] else "–"
         table.add_row(
             escape(row["variant"]),
-            interval_text(row["rate"], 1e6) if row["rate"] else "[red]check failed[/red]",
+            interval_text(row["rate"], 1e6) if row["rate"] else no_rate(record),
             interval_text(row["ratio"]) if row["ratio"] else ratio,
             f"{row['p_value']:.3f}" if row["p_value"] is not None else "",
             f"{row['tests_per_ray']:.1f}" if row["tests_per_ray"] else "–",

@@ -175,7 +175,7 @@ def test_doctor_passes_its_exit_code_on(defray, monkeypatch):
         ("trace sponza --reading each", "unknown reading 'each'; known: per-cell, total"),
         ("trace sponza --kind soft", "unknown kind of rays 'soft'; known: ambient-occlusion"),
         ("trace sponza --kind file", "need a ray file"),
-        ("trace sponza --ray-file nowhere.npz", "no ray file 'nowhere.npz'"),
+        ("trace sponza --ray-file nowhere.npz", "ray file 'nowhere.npz' does not exist"),
         ("trace sponza --tracer deferd", "unknown tracer 'deferd'; known: brute, deferred"),
         ("trace sponza --intersector ray", "unknown intersector 'ray'; known: moller-trumbore, ray-space"),
         ("trace sponza --option wave", "--option 'wave' is not of the form key=value"),
@@ -235,3 +235,63 @@ def test_red_only_on_a_terminal(monkeypatch, capsys):
     monkeypatch.delenv("NO_COLOR", raising=False)
     cli._print_error("wrong")
     assert capsys.readouterr().err == "\033[31merror:\033[0m wrong\n"
+
+
+# ---------------------------------------------------------------- what is no failure, and what is
+
+
+def unchecked_run_group(specs, device, report=None):
+    """Runs that nobody asked to check."""
+    for spec in specs:
+        body = body_of(spec, valid=False)
+        body["agreement"]["reference"] = "none"
+        yield spec, body
+
+
+def test_a_run_that_asked_for_no_check_has_no_rate_and_has_not_failed(defray):
+    code, out, error = defray("trace", "sponza", "--check", "none", pipeline=unchecked_run_group)
+    assert code == 0 and error == ""
+    assert "not checked, hence no rate" in out and "failed" not in out
+
+
+def test_embree_needs_no_device(defray, monkeypatch):
+    def no_device(part):
+        raise DefrayError("no working OpenCL device")
+
+    monkeypatch.setattr("harness.device.open_device", no_device)
+    assert defray("trace", "sponza", "--tracer", "embree")[0] == 0
+    code, _, error = defray("trace", "sponza")
+    assert code == 2 and "no working OpenCL device" in error
+
+
+@pytest.mark.parametrize("command", ["views", "report"])
+def test_a_folder_without_records_is_refused_and_left_alone(defray, tmp_path, command):
+    code, _, error = defray(command, str(tmp_path / "none"))
+    assert code == 2 and "has no records.jsonl; run a sweep first" in error
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments", ["trace", "trace sponza --top 3.5", "trace sponza --colour red", "trase sponza", "sweep x.toml"]
+)
+def test_a_mistyped_command_line_is_one_line(defray, arguments):
+    code, out, error = defray(*arguments.split())
+    assert code == 2 and out == ""
+    assert error.startswith("error: ") and error.count("\n") == 1 and "--help' explains" in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("trace sponza --rays 1.5", "not a count"),
+        ("trace sponza --rays 10G", "less than or equal to 1000000000"),
+        ("trace sponza --seed 99999999999999999999999", "seed"),
+        ("trace sponza --option wave=99999999999", "from 1 to 4096"),
+        ("trace sponza --option batch=7", "batch"),
+        ("trace sponza --top 1000 --leaf 1000", "at most 256 top cells"),
+        ("compare deferred embree --scenes sponza,nope", "unknown scene 'nope'"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_before_anything_runs(defray, arguments, message):
+    code, _, error = defray(*arguments.split())
+    assert code == 2 and message in error and error.count("\n") == 1

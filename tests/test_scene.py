@@ -134,7 +134,7 @@ def test_garbage_is_refused(tmp_path, suffix, content):
 def test_a_missing_file_a_folder_and_an_unknown_name_are_refused(tmp_path, recipe):
     assert "missing.obj does not exist" in refused("missing.obj")
     assert "is a folder" in refused(f"{tmp_path}/")
-    assert refused("sponsa") == "unknown scene 'sponsa'; known: bare, small"
+    assert refused("sponsa") == "unknown scene 'sponsa'; known: bare, small; or name a mesh file"
 
 
 def test_a_name_too_long_for_a_path_is_an_unknown_scene(recipe):
@@ -195,3 +195,9 @@ def test_the_list_says_where_each_scene_comes_from(recipe, monkeypatch):
     assert [(s.name, s.source) for s in list_scenes()] == [("small", "stand-in"), ("bare", "missing")]
     monkeypatch.setenv("DEFRAY_SCENES", str(recipe["real"].parent))
     assert {s.source for s in list_scenes()} == {"real"}
+
+
+@pytest.mark.parametrize(("scale", "message"), [(1e30, "reach 1e+30; scale it"), (1e-20, "large; scale it up")])
+def test_a_scale_that_float32_cannot_trace_is_refused(tmp_path, scale, message):
+    np.savez(tmp_path / "scaled.npz", vertices=POINTS * np.float32(scale), faces=FACES)
+    assert message in refused(str(tmp_path / "scaled.npz"))
