@@ -21,7 +21,7 @@ def select(runs: Runs) -> pd.DataFrame:
     rows = rows[rows["tracer"].isin({tracer for tracer, _, _ in SERIES}) & (rows["options"] == "")
                 & rows["cells"].notna()]
     kept = []
-    for _, scene in main_workload(rows, "cells").groupby("scene", sort=False):
+    for _, scene in main_workload(rows, "cells", others=False).groupby("scene", sort=False):
         scene = _one_kind(scene)
         if scene["cells"].nunique() >= 3:
             kept.append(scene)

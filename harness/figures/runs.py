@@ -204,9 +204,9 @@ def bytes_of(grid: dict) -> float:
     return float(sum(size.values())) if isinstance(size, dict) else float(size)
 
 
-def main_workload(rows: pd.DataFrame, by: str = "label") -> pd.DataFrame:
+def main_workload(rows: pd.DataFrame, by: str = "label", others: bool = True) -> pd.DataFrame:
     """Rows of each scene at the view, ray count and seed that have most different values of `by`, then
-    most rays; a tracer never run there keeps its own most rays (brute force is given fewer)."""
+    most rays; with `others`, a tracer never run there keeps its own most rays (brute force is given fewer)."""
     kept = []
     for _, scene in rows.groupby("scene", sort=False):
         works = [work for _, work in scene.groupby(WORKLOAD[1:], sort=False)]
@@ -214,7 +214,7 @@ def main_workload(rows: pd.DataFrame, by: str = "label") -> pd.DataFrame:
         here = scene.index.isin(main.index)
         absent = ~scene["tracer"].isin(main["tracer"])
         most = scene["rays"] == scene.groupby("tracer")["rays"].transform("max")
-        kept.append(scene[here | (absent & most)])
+        kept.append(scene[here | (absent & most & others)])
     return pd.concat(kept).reset_index(drop=True) if kept else rows
 
 
