@@ -16,7 +16,7 @@ from harness.stopwatch import Stopwatch
 from harness.tracers._base import Setting
 
 WIDTH, HEIGHT = 480, 360
-SAMPLES = 24  # occlusion rays a pixel
+SAMPLES = 16  # occlusion rays a pixel
 FACING = 0.35  # share of the shade that follows the angle to the eye, so that open surfaces keep their shape
 BACKGROUND = 0.5
 SEED = 7
