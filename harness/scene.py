@@ -21,7 +21,7 @@ from harness.errors import DefrayError, known
 from scenes import Recipe, recipes
 
 SEED = 1  # of every stand-in
-LARGEST, SMALLEST = 1e10, 1e-8  # coordinates and extent: cubes of lengths must neither overflow nor vanish
+LARGEST, SMALLEST = 1e12, 1e-12  # coordinates and extent: cubes of lengths must neither overflow nor vanish
 OBJ_GROUPING = (["usemtl"], ["mtllib"], ["o"], ["g"])
 MESH_SUFFIXES = {".npz", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off", ".3mf", ".dae", ".xyz"}
 
@@ -230,7 +230,7 @@ def check_scale(triangles: np.ndarray, name: str = "the scene") -> None:
     """Raise DefrayError where float32 arithmetic on the triangles would overflow or vanish."""
     largest = float(np.abs(triangles).max())
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    if largest > LARGEST:
+    if not largest <= LARGEST:  # not a number, too
         raise DefrayError(f"coordinates of {name} reach {largest:.3g}; scale it so that they stay below {LARGEST:g}")
     if 0 < extent < SMALLEST:
         raise DefrayError(f"{name} is only {extent:.3g} large; scale it up to at least {SMALLEST:g}")

@@ -114,7 +114,7 @@ def test_flat_and_distant_scenes_build(device, offset):
     ("spec", "message"),
     [
         (GridSpec(8, 100), "leaf 100 is not a multiple of top 8, as reading 'total' needs; 96 or 104 would do"),
-        (GridSpec(0, 8), "at least 1"),
+        (GridSpec(0, 8), "at least one cell"),
         (GridSpec(8, 64, "each"), "unknown reading 'each'"),
         (GridSpec(512, 512), "at most 256 top cells"),
         (GridSpec(256, 4096, "per-cell"), "at most 65536"),

@@ -55,7 +55,8 @@ def test_beside_behind_parallel_and_too_far_are_misses(device, name):
 @every_intersector
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("corner", range(3))
-def test_a_triangle_that_is_not_finite_is_never_hit(device, name, value, corner):
+def test_a_triangle_that_is_not_finite_is_never_hit(device, monkeypatch, name, value, corner):
+    monkeypatch.setattr("harness.grid.check_scale", lambda triangles: None)
     broken = np.concatenate([TRIANGLE, TRIANGLE + np.float32([0, 0, -1])])
     broken[0, corner, 2] = value
     origins = np.random.default_rng(0).uniform(0.1, 1.5, (64, 3)) * [1, 1, 0] + [0, 0, 1]
