@@ -61,6 +61,7 @@ class Device:
     max_allocation_bytes: int
     is_cpu: bool
     has_int64_atomics: bool
+    has_double: bool
     correctly_rounded_divide: bool
     handle: cl.Device
     context: cl.Context
@@ -217,6 +218,7 @@ def _open(place: tuple[int, int]) -> Device:
         max_allocation_bytes=handle.max_mem_alloc_size,
         is_cpu=is_cpu,
         has_int64_atomics="cl_khr_int64_extended_atomics" in handle.extensions.split(),
+        has_double="cl_khr_fp64" in handle.extensions.split(),
         correctly_rounded_divide=bool(handle.single_fp_config & divide),
         handle=handle,
         context=context,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from harness.data import GridSpec
 from harness.device import Device
 from harness.errors import DefrayError
 from harness.exact import zero_area
+from harness.intersectors import Intersector
 from harness.program import Program, build
 from harness.runtime import cl
 from harness.scene import check_scale
@@ -29,6 +30,7 @@ class DeviceScene:
     """Triangles on the device. `active`: the triangles that have an area, in ascending order.
 
     `triangles` float32[n*9], `active` int32[m]; `lower`, `upper` float64[3] bound the triangles.
+    `stored` keeps the triangles in the form that the latest precomputing intersector wants, float32[n*12].
     """
 
     device: Device
@@ -37,6 +39,7 @@ class DeviceScene:
     active_count: int
     lower: np.ndarray
     upper: np.ndarray
+    stored: dict = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +131,21 @@ def upload_scene(device: Device, triangles: np.ndarray, active: np.ndarray | Non
         lower=corners.min(axis=(0, 1)).astype(np.float64),
         upper=corners.max(axis=(0, 1)).astype(np.float64),
     )
+
+
+def stored_triangles(scene: DeviceScene, intersector: Intersector, defines: dict[str, int]) -> cl.array.Array:
+    """The triangles as `intersector` stores them: the vertices float32[n*9], or its planes float32[n*12]."""
+    if not intersector.precomputes:
+        return scene.triangles
+    key = (intersector.name, *defines)
+    if key not in scene.stored:
+        count = scene.triangles.size // 9
+        stored = cl.array.empty(scene.device.queue, 12 * count, np.float32)
+        program = build(scene.device, "precompute.cl", intersector=intersector.file, defines=defines)
+        program.launch("precompute_triangles", count, count, scene.triangles, stored)
+        scene.stored.clear()
+        scene.stored[key] = stored
+    return scene.stored[key]
 
 
 def grid_box(scene: DeviceScene, spec: GridSpec) -> tuple[np.ndarray, np.ndarray]:

@@ -1,8 +1,7 @@
 // Forward tracing, one ray a work-item: step, test the cell's triangles, halt at the first hit that is not
 // beyond the cell. With LANES > 1 a ray tests LANES triangles of a cell at a time.
-#include "common.clh"
+#include "intersect.clh"
 #include "walk.clh"
-#include INTERSECTOR
 #include "cell_test.clh"
 
 // Traces rays from the start; `visited` receives the number of non-empty cells walked up to the halt.

@@ -1,6 +1,5 @@
 // From best keys to hits, the same kernel for every tracer. Built with LANES = 1.
-#include "common.clh"
-#include INTERSECTOR
+#include "intersect.clh"
 
 // Undoes the direction's scaling and evaluates u and v of the winning triangle.
 kernel void write_hits(const int count, global const Ray *rays, global const ulong *keys,
@@ -22,7 +21,7 @@ kernel void write_hits(const int count, global const Ray *rays, global const ulo
     const Ray r = rays[i];
     const RayLanes lanes = {r.ox, r.oy, r.oz, r.dx, r.dy, r.dz};
     const Frame frame = intersector_setup(lanes);
-    const Triangle triangle = broadcast_triangle(triangles, (int)key_primitive(key));
+    const Stored triangle = load_stored(triangles, (int)key_primitive(key));
     real scaled_t = 0.0f, hit_u = 0.0f, hit_v = 0.0f;
     intersector_test(&frame, &triangle, &scaled_t, &hit_u, &hit_v);
     t[i] = distance;

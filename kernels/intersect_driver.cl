@@ -1,7 +1,5 @@
 // Closest-hit policy around an intersector, for the bins of the deferred tracer and for brute force.
-// INTERSECTOR names the file of the ray/triangle test.
-#include "common.clh"
-#include INTERSECTOR
+#include "intersect.clh"
 
 // Rays of the pairs in one chunk; a lane without a ray has a best t that nothing is below.
 inline RayLanes gather_rays(global const Ray *rays, global const ulong *keys, global const int *chunk,
@@ -40,18 +38,17 @@ inline void keep_hits(global ulong *keys, lane_index ray_of_lane, real best_t, l
             atom_min(keys + ray[lane], hit_key(t[lane], (uint)primitive[lane]));
 }
 
-// Tests a list of triangles, in ascending order, against the rays in the lanes. Nearer hits replace; written
-// so that a NaN t is never taken.
+// Tests a list of triangles, in ascending order, against the rays in the lanes. Nearer hits replace.
 inline void test_triangles(const Frame *frame, global const float *triangles, global const int *references,
                            int begin, int end, real *best_t, lane_index *best)
 {
     for (int k = begin; k < end; ++k) {
         const int primitive = references[k];
-        const Triangle triangle = broadcast_triangle(triangles, primitive);
+        const Stored triangle = load_stored(triangles, primitive);
         real t = 0.0f, u, v;
         mask hit = intersector_test(frame, &triangle, &t, &u, &v);
         if (mask_any(hit)) {
-            hit &= (t > 0.0f) & (t < *best_t);
+            hit &= accepted(t, *best_t);
             *best_t = pick(*best_t, t, hit);
             *best = pick(*best, (lane_index)(primitive), hit);
         }

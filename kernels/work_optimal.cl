@@ -1,7 +1,6 @@
 // Synthetic work-optimal intersection (paper, section 3): spins over the cells recorded up to the hit, in
 // order, and reports the first intersection. Forward tracing with traversal free of charge.
-#include "common.clh"
-#include INTERSECTOR
+#include "intersect.clh"
 #include "cell_test.clh"
 
 kernel void intersect_visited(const int count, global const Ray *rays, global ulong *keys,

@@ -23,7 +23,7 @@ def test_each_file_is_included_once():
 
 
 def test_a_failed_build_is_one_line_and_leaves_its_log(device, tmp_path, monkeypatch):
-    for name in ("common.clh", "hits.cl"):
+    for name in ("common.clh", "intersect.clh", "hits.cl"):
         (tmp_path / name).write_text((program.KERNELS / name).read_text())
     (tmp_path / "intersect").mkdir()
     (tmp_path / "intersect" / "broken.cl").write_text("typedef RayLanes Frame;\nthis is no C\n")

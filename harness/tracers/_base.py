@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from harness.data import Counters, GridSpec, Hits, Rays, Scene
 from harness.device import Device
 from harness.errors import DefrayError, known
-from harness.grid import DeviceScene, Grid, upload_scene, walk_defines
+from harness.grid import DeviceScene, Grid, stored_triangles, upload_scene, walk_defines
 from harness.intersectors import Intersector
 from harness.program import Program, build
 from harness.runtime import cl
@@ -36,6 +36,7 @@ class DeviceOptions(Options):
     """Options of every tracer that runs on an OpenCL device."""
 
     lanes: Literal["auto", "1", "4", "8", "16"] = "auto"
+    contraction: Literal["off", "on"] = Field(default="off", description="may a * b + c become one fma")
     batch: int = Field(default=1 << 20, ge=64, le=1 << 26, description="rays on the device at a time")
 
 
@@ -135,6 +136,8 @@ class DeviceTracer(Tracer):
         self.grid = setting.grid
         self.counters: cl.array.Array | None = None
         self.batch_size = self.options.batch
+        if intersector and intersector.needs_double and not self.device.has_double:
+            raise DefrayError(f"{self.device.name} has no double precision, which {intersector.name} needs")
         if not self.device.has_int64_atomics:
             raise DefrayError(f"{self.device.name} has no 64-bit atomics (cl_khr_int64_extended_atomics)")
 
@@ -146,6 +149,16 @@ class DeviceTracer(Tracer):
         return self.default_lanes or self.device.native_lanes
 
     @property
+    def contraction(self) -> dict[str, int]:
+        """The definition that lets the compiler contract inside the intersector, where the options ask for it."""
+        return {"CONTRACT": 1} if self.options.contraction == "on" else {}
+
+    @cached_property
+    def triangles(self) -> cl.array.Array:
+        """The triangles in the form that the intersector stores: vertices, or 12 floats each."""
+        return stored_triangles(self.scene, self.intersector, self.contraction)
+
+    @property
     def counting(self) -> tuple:
         """The last argument of an instrumented kernel, nothing for a plain one."""
         return () if self.counters is None else (self.counters,)
@@ -153,6 +166,7 @@ class DeviceTracer(Tracer):
     def program(self, *files: str, lanes: int = 1, grid: bool = False, walk_lanes: int = 1) -> Program:
         """Build kernel files for this tracer's intersector and, where they walk, its grid."""
         defines = {**self.grid.defines, "WALK_LANES": walk_lanes} if grid else {}
+        defines |= self.contraction
         if self.counters is not None:
             defines["COUNT_WORK"] = 1
         file = self.intersector.file if self.intersector else None
@@ -174,8 +188,8 @@ class DeviceTracer(Tracer):
 
     def finish(self, batch: Batch) -> None:
         """Turn best keys into hits."""
-        program = build(self.device, "hits.cl", intersector=self.intersector.file)
-        arguments = (batch.rays, batch.keys, self.scene.triangles, *batch.hits)
+        program = build(self.device, "hits.cl", intersector=self.intersector.file, defines=self.contraction)
+        arguments = (batch.rays, batch.keys, self.triangles, *batch.hits)
         program.launch("write_hits", batch.count, batch.count, *arguments)
 
     def prepare(self, batch: Batch) -> None:

@@ -35,7 +35,7 @@ class Brute(DeviceTracer):
                 "intersect_all",
                 self.chunks * blocks,
                 *(self.chunks, blocks, BLOCK, self.pairs, self.scene.active_count, self.scene.active),
-                *(self.scene.triangles, batch.rays, batch.keys, *self.counting),
+                *(self.triangles, batch.rays, batch.keys, *self.counting),
             )
 
     def count(self, rays: Rays) -> Counters:

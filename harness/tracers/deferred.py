@@ -141,12 +141,12 @@ class _Bins:
 
     def intersect(self, batch: Batch) -> None:
         """Chunk after chunk, in the order of the bins."""
-        grid, scene = self.tracer.grid, self.tracer.scene
+        grid = self.tracer.grid
         self.intersect_program.launch(
             "intersect_bins",
             self.chunks,
             *(self.chunks, self.chunk_cell, self.pairs, grid.cell_start, grid.references),
-            *(scene.triangles, batch.rays, batch.keys, *self.tracer.counting),
+            *(self.tracer.triangles, batch.rays, batch.keys, *self.tracer.counting),
         )
 
 

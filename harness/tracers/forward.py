@@ -27,7 +27,7 @@ class Forward(DeviceTracer):
             "trace_forward",
             batch.count,
             *(batch.count, batch.rays, batch.keys, *self.grid.arguments),
-            *(self.grid.cell_start, self.grid.references, self.scene.triangles, batch.positions),
+            *(self.grid.cell_start, self.grid.references, self.triangles, batch.positions),
             *(self.visited, *self.counting),
         )
 

@@ -43,7 +43,7 @@ class WorkOptimal(DeviceTracer):
             "trace_forward",
             batch.count,
             *(batch.count, batch.rays, batch.keys, *grid.arguments, grid.cell_start, grid.references),
-            *(self.scene.triangles, batch.positions, self.visited, *throwaway),
+            *(self.triangles, batch.positions, self.visited, *throwaway),
         )
         self.visited_start = self.visited.copy()
         exclusive_scan(self.device)(self.visited_start)
@@ -64,7 +64,7 @@ class WorkOptimal(DeviceTracer):
                 "intersect_visited",
                 batch.count,
                 *(batch.count, batch.rays, batch.keys, self.visited, self.visited_start, self.visited_cell),
-                *(self.grid.cell_start, self.grid.references, self.scene.triangles, *self.counting),
+                *(self.grid.cell_start, self.grid.references, self.triangles, *self.counting),
             )
 
 
