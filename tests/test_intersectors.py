@@ -123,7 +123,7 @@ def test_every_file_is_registered():
 
 
 def test_an_unknown_intersector_lists_the_known():
-    with pytest.raises(DefrayError, match="unknown intersector 'best'; known: .*moller-trumbore, .*ray-space"):
+    with pytest.raises(DefrayError, match=r"unknown intersector 'best'; known: .*moller-trumbore, .*ray-space"):
         find("best")
 
 
