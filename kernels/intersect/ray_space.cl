@@ -5,7 +5,6 @@
 //   (E0, E1, E2) = (X0,X1,X2) x (Y0,Y1,Y2)         one cross product: the three edge functions
 //   hit when no two edge functions differ in sign; t = n . (p_0 - o) / n . d,  n = (p_1 - p_0) x (p_2 - p_0)
 //
-// The frame is that of Duff et al. 2017, "Building an orthonormal basis, revisited", for unit directions.
 // The mean of the vertices' depths weighted by E_i would serve as t, but on a large triangle it is off by an ulp
 // of the vertices' distance, which turns into self-hits where a ray starts on the triangle.
 // A plain rounded cross product is watertight too, but rounds to zero for small triangles far from the ray's
@@ -15,31 +14,7 @@
 // products within 1.5 ulp never has the wrong sign.
 // Known failures: t of triangles so thin that their edges' rounding tilts the plane.
 
-typedef struct {
-    real ox, oy, oz;
-    real ux, uy, uz;
-    real vx, vy, vz;
-    real dx, dy, dz;  // direction over its squared length, so that Z_i is in units of t
-    real squared;     // squared length of the direction
-} Frame;
-
-inline Frame intersector_setup(const RayLanes ray)
-{
-    const real squared = fma(ray.dx, ray.dx, fma(ray.dy, ray.dy, ray.dz * ray.dz));
-    const real inverse = 1.0f / sqrt(squared);
-    const real x = ray.dx * inverse, y = ray.dy * inverse, z = ray.dz * inverse;
-    const real sign = copysign((real)1.0f, z);
-    const real a = -1.0f / (sign + z);
-    const real b = x * y * a;
-    const real over = 1.0f / squared;
-    Frame f;
-    f.ox = ray.ox, f.oy = ray.oy, f.oz = ray.oz;
-    f.ux = 1.0f + sign * x * x * a, f.uy = sign * b, f.uz = -sign * x;
-    f.vx = b, f.vy = sign + y * y * a, f.vz = -y;
-    f.squared = squared;
-    f.dx = ray.dx * over, f.dy = ray.dy * over, f.dz = ray.dz * over;
-    return f;
-}
+#include "intersect/orthonormal_frame.clh"
 
 inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u, real *v)
 {
