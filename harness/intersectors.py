@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from harness.errors import known
 
 LANES = (1, 4, 8, 16)
+DEFAULT = "ray-space"  # what a tracer uses where none is named
 
 
 @dataclass(frozen=True)

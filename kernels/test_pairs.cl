@@ -7,7 +7,8 @@
 // LANES pairs a work-item, each lane with its own ray and triangle; the last work-item repeats its final pair.
 kernel void test_pairs(const int count, global const int *ray_of_pair, global const int *triangle_of_pair,
                        global const float *origins, global const float *directions, global const float *t_max,
-                       global const float *stored, global int *said, global float *t_out)
+                       global const float *stored, global int *said, global float *t_out,
+                       global float *u_out, global float *v_out)
 {
     const int first = get_global_id(0) * LANES;
     if (first >= count)
@@ -38,13 +39,17 @@ kernel void test_pairs(const int count, global const int *ray_of_pair, global co
     real t = 0.0f, u = 0.0f, v = 0.0f;
     const mask hit = intersector_test(&frame, &triangle, &t, &u, &v);
     const mask taken = hit & accepted(t, load_lanes(field[6]));
-    float t_of[LANES];
+    float t_of[LANES], u_of[LANES], v_of[LANES];
     int hit_of[LANES], taken_of[LANES];
     store_lanes(t, t_of);
+    store_lanes(u, u_of);
+    store_lanes(v, v_of);
     store_lanes(hit, hit_of);
     store_lanes(taken, taken_of);
     for (int lane = 0; lane < LANES && first + lane < count; ++lane) {
         said[first + lane] = (hit_of[lane] ? HIT_SAID : 0) | (taken_of[lane] ? HIT_ACCEPTED : 0);
         t_out[first + lane] = ldexp(t_of[lane], -exponent[lane]);
+        u_out[first + lane] = u_of[lane];
+        v_out[first + lane] = v_of[lane];
     }
 }

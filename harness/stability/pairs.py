@@ -35,12 +35,14 @@ class Answers:
     """What an intersector answers to pairs.
 
     `said` bool[m]: it says inside. `accepted` bool[m]: and its t lies in (0, t_max] by the driver's rule. `t`
-    float32[m], in units of the ray's direction.
+    float32[m], in units of the ray's direction; `u`, `v` float32[m].
     """
 
     said: np.ndarray
     accepted: np.ndarray
     t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
 
 
 class PairTester:
@@ -70,13 +72,14 @@ class PairTester:
         *inputs, triangles = self._arrays
         stored = self._stored(intersector, defines, triangles)
         said = cl.array.zeros(queue, count, np.int32)
-        t = cl.array.empty(queue, count, np.float32)
-        t.fill(np.float32(np.nan))
+        outputs = [cl.array.empty(queue, count, np.float32) for _ in range(3)]
+        for output in outputs:
+            output.fill(np.float32(np.nan))
         lanes = self.device.native_lanes
         program = build(self.device, "test_pairs.cl", intersector=intersector.file, lanes=lanes, defines=defines)
-        program.launch("test_pairs", -(-count // lanes), count, *inputs, stored, said, t)
+        program.launch("test_pairs", -(-count // lanes), count, *inputs, stored, said, *outputs)
         flags = said.get()
-        return Answers((flags & SAID) != 0, (flags & ACCEPTED) != 0, t.get())
+        return Answers((flags & SAID) != 0, (flags & ACCEPTED) != 0, *(output.get() for output in outputs))
 
     def _stored(self, intersector: Intersector, defines: dict, triangles):
         """The triangles in the intersector's own form."""

@@ -10,6 +10,8 @@
 // Watertight: yes, contraction on or off, for the reason given in ray_space.cl.
 // Known failures: t of triangles so thin that their edges' rounding tilts the plane.
 
+#define DEPTH_ERROR 0x1p-21f  // eight roundings of the farthest vertex's depth
+
 typedef struct {
     real ox, oy, oz;
     real ux, uy, uz;
@@ -60,7 +62,7 @@ inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u
     if (!mask_any(inside))
         return inside;
 
-    // On the triangle's plane, and never beyond the vertices' depths; see ray_space.cl.
+    // On the triangle's plane, and within rounding of the mean of the vertices' depths; see ray_space.cl.
     const real z0 = fma(px0, f->dx, fma(py0, f->dy, pz0 * f->dz));
     const real z1 = fma(px1, f->dx, fma(py1, f->dy, pz1 * f->dz));
     const real z2 = fma(px2, f->dx, fma(py2, f->dy, pz2 * f->dz));
@@ -71,13 +73,13 @@ inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u
     const real nz = difference_of_products(ax, by, ay, bx);
     const real depth = fma(nx, px0, fma(ny, py0, nz * pz0));
     const real slope = fma(nx, f->rx, fma(ny, f->ry, nz * f->rz));
-    const real nearest = min(z0, min(z1, z2)), farthest = max(z0, max(z1, z2));
-    const real plane = depth / slope;
-    const real above = pick(plane, nearest, plane < nearest);
-    *t = pick(above, farthest, above > farthest);
-
     const real sum = e0 + e1 + e2;
     const real inverse = 1.0f / sum;
+    const real between = fma(e0, z0, fma(e1, z1, e2 * z2)) * inverse;
+    const real reach = DEPTH_ERROR * max(fabs(z0), max(fabs(z1), fabs(z2)));
+    const real plane = depth / slope;
+    const real above = pick(plane, between - reach, plane < between - reach);
+    *t = pick(above, between + reach, above > between + reach);
     *u = e1 * inverse;
     *v = e2 * inverse;
     return inside & ((sum > 0.0f) | (sum < 0.0f));
