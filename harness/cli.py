@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from harness.errors import DefrayError
+from harness.stability.command import stability
 
 UsageError = typer.BadParameter.__base__  # Typer names no other way to it
 app = typer.Typer(
@@ -247,6 +248,11 @@ def report(
 
     _records_of(folder)
     typer.echo(write_report(folder))
+
+
+app.command(
+    epilog="Examples:  [bold]defray stability[/bold]   [bold]defray stability --intersector all --family W2[/bold]"
+)(stability)
 
 
 def _records_of(folder: Path) -> Path:
