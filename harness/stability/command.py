@@ -19,7 +19,7 @@ def stability(
     ] = None,
     size: Annotated[str, typer.Option(help="'full', a million aimed rays a family, or 'smoke'.")] = "full",
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Also write DIR/stability.json, with test rates, for the report.")
+        Path | None, typer.Option(metavar="DIR", help="Also write DIR/stability.json, with test rates.")
     ] = None,
     device: Annotated[
         str | None, typer.Option(metavar="PART", help="Part of a device's name in 'defray doctor'.")

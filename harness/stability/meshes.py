@@ -86,7 +86,7 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def lattice_box(cells: int = 8) -> tuple[np.ndarray, np.ndarray]:
-    """The surface of the cube [0, cells]^3 in unit squares of two triangles: vertices float64[v,3], faces int[t,3]."""
+    """The surface of the cube [0, cells]^3 in unit squares: vertices float64[v,3], faces int[t,3]."""
     points: dict[tuple, int] = {}
     faces = []
 

@@ -43,7 +43,7 @@ class Judge:
         return measure(p.triangles[p.triangle], rays.origins, rays.directions, rays.t_max)
 
     def judge(self, answers: Answers) -> dict:
-        """Counts and ulp by metric, None where one does not apply; `rays`, `double_true` and the rest as in METRICS."""
+        """Counts and ulp by metric, None where one does not apply: `rays` and METRICS."""
         result = {"rays": len(self.pairs.rays), **dict.fromkeys(METRICS)}
         result["nonfinite"] = int((answers.accepted & ~np.isfinite(answers.t)).sum())
         return result | getattr(self, f"_{self.kind}")(answers)

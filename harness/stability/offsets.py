@@ -1,7 +1,7 @@
 """Families S: rays spawned from hits must not hit where they start, nor skip what is near.
 
-Mitsuba 3's configurations (src/render/tests/test_ray_offset.py) for a rectangle, a cube and a sphere of triangles; the
-hit itself comes from the intersector under test.
+Mitsuba 3's configurations (src/render/tests/test_ray_offset.py) for a rectangle, a cube and a sphere of triangles;
+the hit itself comes from the intersector under test.
 """
 
 from __future__ import annotations

@@ -67,7 +67,8 @@ def _targets(triangles: np.ndarray, generator) -> np.ndarray:
     fold = u + v > 1
     u, v = np.where(fold, 1 - u, u), np.where(fold, 1 - v, v)
     kind = np.arange(count) % 4
-    tiny = (1 + generator.random(count)) * 2.0 ** -generator.integers(3, 31, count) * generator.choice([-1.0, 1.0], count)
+    tiny = (1 + generator.random(count)) * 2.0 ** -generator.integers(3, 31, count)
+    tiny *= generator.choice([-1.0, 1.0], count)
     v = np.where(kind == 1, tiny, np.where(kind == 2, 0.0, v))
     u = np.where((kind == 1) | (kind == 2), generator.random(count), u)
     u, v = (np.where(kind == 3, 3 * w - 1, w)[:, None] for w in (u, v))
@@ -90,7 +91,7 @@ def _origins(triangles: np.ndarray, targets: np.ndarray, generator, case: dict) 
 
 def _coplanar(count: int, generator, axis: bool):
     """Rays exactly in the planes of integer triangles: planes z = const, or x + y + z = const."""
-    first, second = (np.array([1, 0, 0]), np.array([0, 1, 0])) if axis else (np.array([1, -1, 0]), np.array([0, 1, -1]))
+    first, second = np.array([[1, 0, 0], [0, 1, 0]] if axis else [[1, -1, 0], [0, 1, -1]])
     base = generator.integers(-8, 9, (count, 1, 3)).astype(np.float64)
 
     def in_plane(shape):
