@@ -8,6 +8,7 @@ by a bound of all rounding: a stretch reported as missed is missed in exact arit
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -76,9 +77,7 @@ def walk(device: Device, grid: Grid, rays: Rays, mistake: str = "") -> tuple[np.
     found, steps = (cl.array.empty(device.queue, count, np.int32) for _ in range(2))
     defines = grid.defines | ({"MISTAKE": MISTAKES[mistake]} if mistake else {})
     program = build(device, "walk_cells.cl", defines=defines)
-    program.launch(
-        "walk_cells", count, *(count, origins, directions, *grid.arguments, slots, visited, found, steps)
-    )
+    program.launch("walk_cells", count, *(count, origins, directions, *grid.arguments, slots, visited, found, steps))
     cells, found = visited.get().reshape(count, slots), found.get()
     cells = cells[:, : max(int(found.max()), 1)]
     return np.where(np.arange(cells.shape[1]) < found[:, None], cells, -1), steps.get()
@@ -294,19 +293,33 @@ def case_rays(family: str, name: str, count: int, seed: int) -> Rays:
     return maker(lattice, generator(seed, 1 + list(FAMILIES[family]).index(name)), count)
 
 
+def walk_cases(name: str, rays: int) -> dict[str, int]:
+    """Rays of each case of family `name`, about `rays` together: fewer where cells are finer."""
+    weights = {case: 1 / lattice.spec.resolution for case, (lattice, _) in FAMILIES[name].items()}
+    total = sum(weights.values())
+    return {case: max(1, round(rays * weight / total)) for case, weight in weights.items()}
+
+
 def walk_family(device: Device, name: str, rays: int, seed: int, mistake: str = "") -> dict:
-    """Check the walk on about `rays` rays of family `name`, "G1" or "G2", fewer where cells are finer.
+    """Check the walk on about `rays` rays of family `name`, "G1" or "G2".
 
     Returns {"rays", "leaks": rays with a stretch of path that no visited cell covers, "worst_chord": the longest
     such stretch in cells, "steps_over": rays with more than 3 steps per cell along an axis, "cases"}, the last by
     name of the case. A `mistake` of MISTAKES is for the tests of this check.
     """
-    cases = FAMILIES[name]
-    weights = {case: 1 / lattice.spec.resolution for case, (lattice, _) in cases.items()}
-    total = sum(weights.values())
     found = {}
-    for case, (lattice, _) in cases.items():
-        count = max(1, round(rays * weights[case] / total))
-        found[case] = check_walk(device, lattice.grid(device, seed), case_rays(name, case, count, seed), mistake)
+    for case, count in walk_cases(name, rays).items():
+        grid = FAMILIES[name][case][0].grid(device, seed)
+        found[case] = check_walk(device, grid, case_rays(name, case, count, seed), mistake)
     sums = {key: sum(case[key] for case in found.values()) for key in ("rays", "leaks", "steps_over")}
     return {**sums, "worst_chord": max(case["worst_chord"] for case in found.values()), "cases": found}
+
+
+def walk_digest(name: str, rays: int, seed: int) -> str:
+    """SHA-256 of the rays of `walk_family`."""
+    hashed = hashlib.sha256()
+    for case, count in walk_cases(name, rays).items():
+        part = case_rays(name, case, count, seed)
+        for array in (part.origins, part.directions, part.t_max):
+            hashed.update(np.ascontiguousarray(array).tobytes())
+    return hashed.hexdigest()
