@@ -30,10 +30,18 @@ _STREAM = 4 << 32  # separates these random numbers from those of other ray sets
 _ANCHOR = 1 / 64  # size of the two triangles that fix the bounds of the scenes with walls
 
 
-def walls_triangles(_: np.random.Generator, fraction: float = 0.0) -> np.ndarray:
-    """Walls that cross each other on every fourth cell plane, `fraction` of a cell above it; float32[n,3,3]."""
+def walls_triangles(_: np.random.Generator, fraction: float = 0.0, ulp: int = 0) -> np.ndarray:
+    """Walls that cross each other on every fourth cell plane, `fraction` of a cell above it; float32[n,3,3].
+
+    `ulp`: moves them by that many float32, up and down in turn.
+    """
     corners = [_squares(axis, level, range(2, 31, 14)) for axis in range(3) for level in range(2, 31, 4)]
-    return _on_planes(np.concatenate(corners), fraction)
+    return _on_planes(np.concatenate(corners), fraction, ulp)
+
+
+def near_walls_triangles(_: np.random.Generator) -> np.ndarray:
+    """The same one float32 off their planes, as rounding leaves walls in practice; float32[n,3,3]."""
+    return walls_triangles(_, ulp=1)
 
 
 def box_triangles(_: np.random.Generator, fraction: float = 0.0) -> np.ndarray:
@@ -58,6 +66,7 @@ def sliver_triangles(random: np.random.Generator) -> np.ndarray:
 
 SCENES = {
     "walls": walls_triangles,
+    "walls, one ulp off": near_walls_triangles,
     "box": box_triangles,
     "sphere": sphere_triangles,
     "slivers": sliver_triangles,
@@ -75,17 +84,19 @@ def _squares(axis: int, level: int, marks: range) -> np.ndarray:
     return np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
 
 
-def _on_planes(planes: np.ndarray, fraction: float) -> np.ndarray:
-    """Triangles int[n,3,3] with corners on cell planes of SPEC, and two that make the scene's bounds [-1, 1]."""
-    bounds = SimpleNamespace(lower=np.full(3, -1.0), upper=np.full(3, 1.0))
+def _on_planes(planes: np.ndarray, fraction: float, ulp: int = 0) -> np.ndarray:
+    """Triangles int[n,3,3] with corners on cell planes of SPEC, and two that make the scene's bounds [0, 1]."""
+    bounds = SimpleNamespace(lower=np.zeros(3), upper=np.ones(3))
     lower, cell_size = grid_box(bounds, SPEC)
-    place = np.array([_coordinate(lower[0], cell_size[0], k, fraction) for k in range(SPEC.resolution + 1)])
+    marks = np.arange(SPEC.resolution + 1)
+    place = np.array([_coordinate(lower[0], cell_size[0], k, fraction) for k in marks])
+    place += np.where(marks // 4 % 2, ulp, -ulp).astype(np.float32) * np.spacing(place)
     anchor = np.array([[0, 0, 0], [_ANCHOR, _ANCHOR, 0], [0, _ANCHOR, _ANCHOR]], np.float32)
-    return np.concatenate([place[planes], (anchor - 1)[None], (1 - anchor)[None]]).astype(np.float32)
+    return np.concatenate([place[planes], anchor[None], (1 - anchor)[None]])
 
 
 def _coordinate(lower: np.float32, cell_size: np.float32, plane: int, fraction: float) -> np.float32:
-    """The float32 that the build of the grid takes to `plane` + `fraction` exactly, or nearest to it."""
+    """The float32 that the build of the grid takes to `plane` + `fraction`; with these bounds there is one."""
     near = np.float32(float(lower) + (plane + fraction) * float(cell_size))
     tried = near + np.arange(-8, 9, dtype=np.float32) * np.spacing(near)
     cells = (tried - lower) * (np.float32(1) / cell_size)
@@ -95,8 +106,9 @@ def _coordinate(lower: np.float32, cell_size: np.float32, plane: int, fraction: 
 def aimed_rays(triangles: np.ndarray, count: int, random: np.random.Generator) -> Rays:
     """Half aimed into triangles, a quarter at edges and a quarter at vertices; every eighth parallel to an axis.
 
-    Origins lie in the cube of the scene or one twice as large.
+    Origins lie in the scene's bounds or a box twice as large.
     """
+    lower, upper = (bound.astype(np.float64) for bound in (triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))))
     chosen = triangles[random.integers(len(triangles), size=count)].astype(np.float64)
     u, v = random.random((2, count, 1))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
@@ -104,7 +116,8 @@ def aimed_rays(triangles: np.ndarray, count: int, random: np.random.Generator) -
     u, v = np.where(kind == 3, 0, u), np.where(kind >= 2, 0, v)
     target = chosen[:, 0] + u * (chosen[:, 1] - chosen[:, 0]) + v * (chosen[:, 2] - chosen[:, 0])
     target = target.astype(np.float32)
-    origin = (2 * random.random((count, 3)) - 1) * np.where(random.random((count, 1)) < 0.5, 1, 2)
+    reach = (random.random((count, 3)) - 0.5) * np.where(random.random((count, 1)) < 0.5, 1, 2)
+    origin = (lower + upper) / 2 + reach * (upper - lower)
     free = np.arange(3) == random.integers(3, size=count)[:, None]
     parallel = (random.random(count) < 1 / 8)[:, None]
     origin = np.where(parallel & ~free, target, origin).astype(np.float32)
