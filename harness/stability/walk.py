@@ -21,6 +21,7 @@ from harness.program import build
 from harness.runtime import cl
 
 MISTAKES = {"": 0, "accumulated": 1, "zero-ahead": 2}  # of kernels/walk_cells.cl
+FAR = 16  # sizes of the grid; from about 64 on, the rounding of origins exceeds the pad
 _CHUNK = 1 << 21  # visited cells on the host at once
 # An offset or direction in cells takes 2 roundings, a plane's t 2 more, relative to |origin| + resolution.
 _ROUNDING = 2.0**-48
@@ -206,6 +207,15 @@ def towards_edges(lattice: Lattice, random: np.random.Generator, count: int) -> 
     return Rays(rays.origins, (lattice.world(targets) - rays.origins).astype(np.float32), rays.t_max)
 
 
+def from_afar(lattice: Lattice, random: np.random.Generator, count: int) -> Rays:
+    """From up to 16 times the grid's size away, half at random points in it, half at cell edges."""
+    size = lattice.spec.resolution
+    near = towards_edges(lattice, random, count)
+    targets = near.origins.astype(np.float64) + near.directions
+    rays = _rays(lattice, size * (0.5 + FAR * (2 * random.random((count, 3)) - 1)), np.ones((count, 3)))
+    return Rays(rays.origins, (targets - rays.origins).astype(np.float32), rays.t_max)
+
+
 def _signs(random: np.random.Generator, count: int) -> np.ndarray:
     return 2.0 * random.integers(0, 2, (count, 3)) - 1
 
@@ -266,6 +276,7 @@ G1: dict[str, tuple[Lattice, Maker]] = {
     "128, power-of-two cells": (_EVEN, towards_edges),
     "128": (_UNEVEN, towards_edges),
     "128, shifted by 1e3": (_SHIFTED, towards_edges),
+    "128, from 16 sizes away": (_UNEVEN, from_afar),
     "128, half of the top cells empty": (
         Lattice(_UNEVEN.spec, _UNEVEN.lower, _UNEVEN.cell_size, 0.5),
         towards_edges,
