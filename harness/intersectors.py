@@ -47,7 +47,7 @@ INTERSECTORS = {
                     needs_double=True),
         Intersector("woop-benthin-wald", "woop_benthin_wald.cl", False, _WBW, 30, needs_double=True),
         Intersector("woop-benthin-wald-kahan", "woop_benthin_wald_kahan.cl", True, _WBW, 39),
-        Intersector("woop-benthin-wald-double", "woop_benthin_wald_double.cl", True, _WBW, 30, needs_double=True),
+        Intersector("woop-benthin-wald-double", "woop_benthin_wald_double.cl", False, _WBW, 30, needs_double=True),
         Intersector("pbrt", "pbrt.cl", False, "Pharr, Jakob & Humphreys 2023", 51, needs_double=True),
         Intersector("plucker", "plucker.cl", False, "Davis & Wald", 69),
         Intersector("plucker-zero", "plucker_zero.cl", False, "Davis & Wald", 66),

@@ -42,7 +42,7 @@ def _lattice_origins(count: int, generator) -> np.ndarray:
 
 
 def _aim(mesh: Mesh, origins: np.ndarray, at_vertex: np.ndarray, generator, parts: int) -> Pairs:
-    """Rays at random vertices or at points of random edges (at their `parts`, which are exact), and the faces around."""
+    """Rays at random vertices or at points of random edges (at exact `parts` of them), and the faces around."""
     count = len(origins)
     vertex = generator.integers(len(mesh.vertices), size=count)
     edge = generator.integers(len(mesh.edges), size=count)

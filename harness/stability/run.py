@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from harness.data import Rays
 from harness.device import Device
 from harness.errors import DefrayError
 from harness.intersectors import DEFAULT, INTERSECTORS, Intersector, find
-from harness.stability import offsets, scenes
+from harness.stability import grid, offsets, scenes
 from harness.stability.aimed import aimed_pairs
 from harness.stability.metrics import Judge, merge
 from harness.stability.pairs import MODES, Pairs, PairTester
@@ -137,8 +138,43 @@ class _OffsetTrial:
         return found
 
 
-TRIALS = {"aimed": _PairTrial, "single": _PairTrial, "verify": _SceneTrial, "scene": _SceneTrial,
-          "offset": _OffsetTrial}  # fmt: skip
+class _WalkTrial:
+    """Kind `walk`: the grid's walk knows no intersector, so one measurement serves all."""
+
+    def __init__(self, device: Device, family: Family, size: str):
+        self.run = functools.cache(lambda: grid.walk_family(device, family.id, family.rays[size], family.seed))
+        self.digest = grid.walk_digest(family.id, family.rays[size], family.seed)
+
+    def measure(self, intersector: Intersector, mode: str) -> list[dict]:
+        """Rays with a stretch that no visited cell covers, and rays that step for too long."""
+        found = self.run()
+        counts = {"rays": found["rays"], "leaks": found["leaks"], "gross": found["steps_over"]}
+        return [dict.fromkeys(METRICS) | counts]
+
+
+class _GridTrial:
+    """Kind `grid`: whole tracers against brute force."""
+
+    def __init__(self, device: Device, family: Family, size: str):
+        self.device, self.family, self.size = device, family, size
+        self.digest = grid.grid_digest(family.rays[size], family.seed)
+
+    def measure(self, intersector: Intersector, mode: str) -> list[dict]:
+        """Rays whose hit a grid loses or changes."""
+        family = self.family
+        found = grid.grid_family(self.device, intersector, mode, family.rays[self.size], family.seed)
+        return [dict.fromkeys(METRICS) | {"rays": found["rays"], "leaks": found["leaks"]}]
+
+
+TRIALS = {
+    "aimed": _PairTrial,
+    "single": _PairTrial,
+    "verify": _SceneTrial,
+    "scene": _SceneTrial,
+    "walk": _WalkTrial,
+    "grid": _GridTrial,
+    "offset": _OffsetTrial,
+}
 
 
 def _hash_pairs(hashed, pairs: Pairs) -> None:

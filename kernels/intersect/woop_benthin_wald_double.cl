@@ -5,8 +5,8 @@
 //
 // flops: 30 in double precision to accept or reject beside the selections, +14 and one division on a hit.
 // Bytes a triangle: 36, nothing precomputed; needs double precision.
-// Watertight: without contraction by construction; with it no leak was ever found.
-// Known failures: none found; slow where doubles are.
+// Watertight: only without contraction; with it rays exactly through edges leak, in double precision too.
+// Known failures: contraction; coplanar rays; spawned rays that hit where they start; slow where doubles are.
 
 typedef struct {
     wide ox, oy, oz;
