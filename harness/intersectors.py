@@ -37,8 +37,8 @@ _WBW = "Woop, Benthin & Wald 2013"
 INTERSECTORS = {
     entry.name: entry
     for entry in (
-        Intersector("ray-space", "ray_space.cl", True, "Ellis, Shaffer & Hart", 66),
-        Intersector("ray-space-sheared", "ray_space_sheared.cl", True, "Ellis, Shaffer & Hart", 66),
+        Intersector("ray-space", "ray_space.cl", True, "Ellis, Shaffer & Hart", 48),
+        Intersector("ray-space-orthonormal", "ray_space_orthonormal.cl", True, "Ellis, Shaffer & Hart", 66),
         Intersector("ray-space-plain", "ray_space_plain.cl", False, "Ellis, Shaffer & Hart", 48),
         Intersector("ray-space-folded", "ray_space_folded.cl", False, "Ellis, Shaffer & Hart", 45),
         Intersector("moller-trumbore", "moller_trumbore.cl", False, "Möller & Trumbore 1997", 50),

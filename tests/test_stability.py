@@ -22,7 +22,7 @@ from harness.stability.pairs import Answers, Pairs, PairTester, contracts
 from harness.stability.run import ROW, TRIALS, check_inputs, chosen, generators, run_suite
 from harness.stability.suite import families, select
 
-ROBUST = ("ray-space", "ray-space-sheared", "woop-benthin-wald-kahan")
+ROBUST = ("ray-space", "ray-space-orthonormal", "woop-benthin-wald-kahan")
 
 
 @pytest.fixture(scope="module")
