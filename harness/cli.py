@@ -96,8 +96,8 @@ def trace(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="Option of the tracer, may be repeated: wave, arrange, compaction (deferred), lanes, batch, "
-            "robust, threads (embree).",
+            help="Option of the tracer, may be repeated: wave, arrange, compaction (deferred), exit (forward), "
+            "lanes, batch, robust, threads (embree).",
         ),
     ] = None,
     rays: RaysOption = "1M",
