@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.data import GridSpec
 from harness.device import Device
-from harness.errors import DefrayError
+from harness.errors import DefrayError, known
 from harness.exact import zero_area
 from harness.intersectors import Intersector
 from harness.program import Program, build
@@ -21,6 +21,7 @@ from harness.spec import check_grid
 
 BRICK = (4, 4, 2)  # leaf cells that share one word of occupancy bits
 PAD_ULP = 32  # triangle-box overlap is tested with cells grown by this many float32 ulp of the largest extent
+BINNINGS = ("padded", "closed", "open", "box")  # overlap tests; the order is that of kernels/grid_build.cl
 MARGIN = 2.0**-8  # the grid is larger than the scene by this part of its largest extent, on every side
 FINE = 1024  # leaf cells per axis from which on the size is estimated before building
 
@@ -48,7 +49,8 @@ class Grid:
 
     `top_block` int32[top^3], -1 where a top cell is empty; `bricks` uint32[b,2], occupancy bits of 4x4x2 leaf
     cells and the number of non-empty cells before them; `cell_start` int32[nonempty+1] and `references`
-    int32[r], triangles of each non-empty cell in ascending order. `lower`, `cell_size`: float32[3].
+    int32[r], triangles of each non-empty cell in ascending order. `lower`, `cell_size`: float32[3]. `binning`: the
+    overlap test that filled it, one of BINNINGS.
     """
 
     spec: GridSpec
@@ -61,6 +63,7 @@ class Grid:
     blocks: int
     nonempty: int
     build_seconds: float
+    binning: str = "padded"
 
     @property
     def arguments(self) -> tuple:
@@ -159,6 +162,12 @@ def grid_box(scene: DeviceScene, spec: GridSpec) -> tuple[np.ndarray, np.ndarray
     return lower, np.nextafter(size.astype(np.float32), np.float32(np.inf))
 
 
+def pad_cells(spec: GridSpec, cell_size: np.ndarray) -> np.ndarray:
+    """By how many cells the padded overlap test grows a cell of `cell_size` float32[3] on every side; a float3."""
+    extent = spec.resolution * float(cell_size.max())
+    return vector(PAD_ULP * 2.0**-24 * extent / cell_size)
+
+
 def memory_limit(device: Device) -> int:
     """Bytes a grid and its building may take."""
     return min(device.memory_bytes, 16 * 2**30)
@@ -191,12 +200,18 @@ def check_size(scene: DeviceScene, spec: GridSpec) -> None:
         )
 
 
-def build_grid(scene: DeviceScene, spec: GridSpec) -> Grid:
-    """Build the grid; raises DefrayError for a bad resolution or one that needs too much memory."""
+def build_grid(scene: DeviceScene, spec: GridSpec, binning: str = "padded") -> Grid:
+    """Build the grid; raises DefrayError for a bad resolution or one that needs too much memory.
+
+    `binning`: "padded", the default, is a closed separating-axis test with cells grown by PAD_ULP; "closed" the
+    same without, "open" with strict inequalities, "box" the bounding box rounded down. Only the first loses no ray.
+    """
+    if binning not in BINNINGS:
+        raise known("binning", binning, BINNINGS)
     check_grid(spec)
     check_size(scene, spec)
     started = time.perf_counter()
-    builder = _Builder(scene, spec)
+    builder = _Builder(scene, spec, binning)
     top_block = builder.count_references()
     bricks, nonempty = builder.emit_references(top_block)
     cell_start, references = builder.fill_cells(bricks, nonempty)
@@ -212,19 +227,21 @@ def build_grid(scene: DeviceScene, spec: GridSpec) -> Grid:
         blocks=builder.blocks,
         nonempty=nonempty,
         build_seconds=time.perf_counter() - started,
+        binning=binning,
     )
 
 
 class _Builder:
     """Arrays that live from one step of the build to the next."""
 
-    def __init__(self, scene: DeviceScene, spec: GridSpec):
+    def __init__(self, scene: DeviceScene, spec: GridSpec, binning: str):
         self.scene, self.spec, self.device = scene, spec, scene.device
         self.queue = scene.device.queue
         self.lower, self.cell_size = grid_box(scene, spec)
-        self.program: Program = build(scene.device, "grid_build.cl", defines=walk_defines(spec))
-        extent = spec.resolution * float(self.cell_size.max())
-        self.pad = vector(PAD_ULP * 2.0**-24 * extent / self.cell_size)
+        defines, self.pad = walk_defines(spec), pad_cells(spec, self.cell_size)
+        if binning != "padded":
+            defines["BINNING"], self.pad = BINNINGS.index(binning), vector(np.zeros(3))
+        self.program: Program = build(scene.device, "grid_build.cl", defines=defines)
         self.blocks = 0
         self.references = 0
 

@@ -1,8 +1,21 @@
 // Forward tracing, one ray a work-item: step, test the cell's triangles, halt at the first hit that is not
-// beyond the cell. With LANES > 1 a ray tests LANES triangles of a cell at a time.
+// beyond the cell. With LANES > 1 a ray tests LANES triangles of a cell at a time. A hit beyond the cell is kept as
+// the best so far; REJECT_BEYOND_EXIT forgets it, as in textbooks, and relies on a later cell to find it again.
 #include "intersect.clh"
 #include "walk.clh"
 #include "cell_test.clh"
+
+#ifdef REJECT_BEYOND_EXIT
+inline ulong test_up_to(float t_exit, const Frame *frame, global const float *triangles,
+                        global const int *references, int begin, int end, ulong best)
+{
+    const ulong beyond = hit_key(max(t_exit, 0.0f), NO_PRIMITIVE);
+    const ulong found = test_cell(frame, triangles, references, begin, end, min(best, beyond));
+    return found < beyond ? found : best;
+}
+#else
+#define test_up_to(t_exit, ...) test_cell(__VA_ARGS__)
+#endif
 
 // Traces rays from the start; `visited` receives the number of non-empty cells walked up to the halt.
 kernel void trace_forward(const int count, global const Ray *rays, global ulong *keys, GRID_ARGUMENTS,
@@ -29,7 +42,7 @@ kernel void trace_forward(const int count, global const Ray *rays, global ulong 
         const int cell = walk_next(&w, grid, key_t(best), &steps);
         if (cell == NO_CELL)
             break;
-        best = test_cell(&frame, triangles, references, cell_start[cell], cell_start[cell + 1], best);
+        best = test_up_to(w.t_exit, &frame, triangles, references, cell_start[cell], cell_start[cell + 1], best);
         add_count(COUNT_TESTS, cell_start[cell + 1] - cell_start[cell]);
         add_count(COUNT_LANE_TESTS, LANES * ((cell_start[cell + 1] - cell_start[cell] + LANES - 1) / LANES));
         cells++;

@@ -1,8 +1,28 @@
 // Builds the two-level grid: count, scan, fill. A triangle is referenced in every leaf cell whose box, grown
 // by `pad`, it overlaps: Akenine-Moller 2001's separating axes, closed and with the rounding error on the
-// side of overlap, so that no walk or intersector error within the pad can lose a triangle.
+// side of overlap, so that no walk or intersector error within the pad can lose a triangle. BINNING chooses other
+// tests, to show what each costs and loses.
 #include "common.clh"
 #include "walk.clh"
+
+#define PADDED 0  // closed, pad and rounding on the side of overlap
+#define CLOSED 1  // closed, as in textbooks: `pad` is 0, rounding falls as it may
+#define OPEN 2    // strict inequalities: a wall on a cell plane overlaps no cell
+#define BOX 3     // the triangle's bounding box alone, rounded down: a wall on a cell plane is in the cell above
+#ifndef BINNING
+#define BINNING PADDED
+#endif
+
+#if BINNING == PADDED
+#define ROUNDING 0x1p-20f  // bounds the error of the test itself, for a span of 1
+#else
+#define ROUNDING 0.0f
+#endif
+#if BINNING == OPEN
+#define not_above(a, b) ((a) < (b))
+#else
+#define not_above(a, b) ((a) <= (b))
+#endif
 
 typedef struct {
     int3 low, high;        // leaf positions, inclusive
@@ -22,17 +42,29 @@ inline float3 grid_vertex(global const float *triangles, int primitive, int corn
 // Interval of a projection axis with coefficients (p, q) that a cell's centre must fall into.
 inline void axis_interval(Overlap *o, int axis, float a, float b, float2 coefficients, float2 half_size, float span)
 {
-    const float slack = dot(coefficients, half_size) + (coefficients.x + coefficients.y) * span * 0x1p-20f;
+    const float slack = dot(coefficients, half_size) + (coefficients.x + coefficients.y) * span * ROUNDING;
     o->axis_low[axis] = min(a, b) - slack;
     o->axis_high[axis] = max(a, b) + slack;
 }
+
+// The first and last cell that an interval along each axis can overlap.
+#if BINNING == CLOSED
+inline int3 first_cell(float3 smallest) { return convert_int3_rtp(smallest) - 1; }
+#else
+inline int3 first_cell(float3 smallest) { return convert_int3_rtn(smallest); }
+#endif
+#if BINNING == OPEN
+inline int3 last_cell(float3 largest) { return convert_int3_rtp(largest) - 1; }
+#else
+inline int3 last_cell(float3 largest) { return convert_int3_rtn(largest); }
+#endif
 
 inline Overlap overlap_setup(float3 a, float3 b, float3 c, float3 pad)
 {
     Overlap o;
     const float3 smallest = min(a, min(b, c)), largest = max(a, max(b, c));
-    o.low = clamp(convert_int3_rtn(smallest - pad), (int3)(0), (int3)(RESOLUTION - 1));
-    o.high = clamp(convert_int3_rtn(largest + pad), (int3)(0), (int3)(RESOLUTION - 1));
+    o.low = clamp(first_cell(smallest - pad), (int3)(0), (int3)(RESOLUTION - 1));
+    o.high = clamp(last_cell(largest + pad), (int3)(0), (int3)(RESOLUTION - 1));
     o.base = convert_float3(o.low);
     o.half_size = 0.5f + pad;
     const float3 h = o.half_size;
@@ -50,7 +82,7 @@ inline Overlap overlap_setup(float3 a, float3 b, float3 c, float3 pad)
     // A sliver's normal is mostly rounding: its slack grows with the product of the edges.
     o.normal = cross(o.edge[0], o.edge[1]);
     const float size = fabs(o.normal.x) + fabs(o.normal.y) + fabs(o.normal.z);
-    const float slack = dot(fabs(o.normal), h) + size * span * 0x1p-20f + span * span * span * 0x1p-20f;
+    const float slack = dot(fabs(o.normal), h) + size * span * ROUNDING + span * span * span * ROUNDING;
     const float distance = dot(o.normal, a);
     o.plane_low = distance - slack;
     o.plane_high = distance + slack;
@@ -59,23 +91,28 @@ inline Overlap overlap_setup(float3 a, float3 b, float3 c, float3 pad)
 
 inline int overlaps(const Overlap *o, int3 cell)
 {
+    if (BINNING == BOX)
+        return 1;
     const float3 centre = convert_float3(cell) - o->base + 0.5f;
     for (int i = 0; i < 3; ++i) {
         const float3 e = o->edge[i];
         const float x = e.z * centre.y - e.y * centre.z;
         const float y = e.x * centre.z - e.z * centre.x;
         const float z = e.y * centre.x - e.x * centre.y;
-        if (!(x >= o->axis_low[3 * i] && x <= o->axis_high[3 * i] && y >= o->axis_low[3 * i + 1] &&
-              y <= o->axis_high[3 * i + 1] && z >= o->axis_low[3 * i + 2] && z <= o->axis_high[3 * i + 2]))
+        if (!(not_above(o->axis_low[3 * i], x) && not_above(x, o->axis_high[3 * i]) &&
+              not_above(o->axis_low[3 * i + 1], y) && not_above(y, o->axis_high[3 * i + 1]) &&
+              not_above(o->axis_low[3 * i + 2], z) && not_above(z, o->axis_high[3 * i + 2])))
             return 0;
     }
     const float s = dot(o->normal, centre);
-    return s >= o->plane_low && s <= o->plane_high;
+    return not_above(o->plane_low, s) && not_above(s, o->plane_high);
 }
 
 // The part of a row of cells along x that the triangle's plane can pass through, and a little more either side.
 inline int2 row_range(const Overlap *o, int y, int z)
 {
+    if (BINNING == BOX)
+        return (int2)(o->low.x, o->high.x);
     const float n = o->normal.x;
     const float rest = o->normal.y * ((float)y - o->base.y + 0.5f) + o->normal.z * ((float)z - o->base.z + 0.5f);
     const float p = (o->plane_low - rest) / n, q = (o->plane_high - rest) / n;
@@ -92,7 +129,7 @@ inline int top_of(int3 cell)
 }
 
 #define FOR_EACH_OVERLAPPED_CELL(o, BODY)                                                                   \
-    if (all(o.low == o.high)) {                                                                             \
+    if (BINNING != OPEN && all(o.low == o.high)) {                                                                             \
         const int3 cell = o.low;                                                                            \
         BODY                                                                                                \
     } else                                                                                                  \

@@ -163,10 +163,18 @@ class DeviceTracer(Tracer):
         """The last argument of an instrumented kernel, nothing for a plain one."""
         return () if self.counters is None else (self.counters,)
 
-    def program(self, *files: str, lanes: int = 1, grid: bool = False, walk_lanes: int = 1) -> Program:
+    def program(
+        self,
+        *files: str,
+        lanes: int = 1,
+        grid: bool = False,
+        walk_lanes: int = 1,
+        defines: dict[str, int] | None = None,
+    ) -> Program:
         """Build kernel files for this tracer's intersector and, where they walk, its grid."""
-        defines = {**self.grid.defines, "WALK_LANES": walk_lanes} if grid else {}
-        defines |= self.contraction
+        defines = {**(defines or {}), **self.contraction}
+        if grid:
+            defines |= {**self.grid.defines, "WALK_LANES": walk_lanes}
         if self.counters is not None:
             defines["COUNT_WORK"] = 1
         file = self.intersector.file if self.intersector else None

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
+from pydantic import Field
 
 from harness.runtime import cl
 from harness.stopwatch import Stopwatch
-from harness.tracers._base import Batch, DeviceTracer
+from harness.tracers._base import Batch, DeviceOptions, DeviceTracer
+
+
+class ForwardOptions(DeviceOptions):
+    """`exit`: whether a hit beyond the cell's exit is kept as the best so far, or rejected as in textbooks."""
+
+    exit: Literal["keep", "reject"] = Field(default="keep", description="a hit beyond the exit of its cell")
 
 
 class Forward(DeviceTracer):
@@ -15,6 +24,7 @@ class Forward(DeviceTracer):
     name = "forward"
     needs_grid = True
     default_lanes = 1
+    Options = ForwardOptions
 
     def prepare(self, batch: Batch) -> None:
         """Room for the number of cells each ray visits."""
@@ -22,7 +32,8 @@ class Forward(DeviceTracer):
 
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """One kernel; traversal and intersection are interleaved, so there is only a total."""
-        program = self.program("forward.cl", lanes=self.lanes, grid=True)
+        rule = {"REJECT_BEYOND_EXIT": 1} if self.options.exit == "reject" else {}
+        program = self.program("forward.cl", lanes=self.lanes, grid=True, defines=rule)
         program.launch(
             "trace_forward",
             batch.count,
@@ -30,6 +41,5 @@ class Forward(DeviceTracer):
             *(self.grid.cell_start, self.grid.references, self.triangles, batch.positions),
             *(self.visited, *self.counting),
         )
-
 
 TRACER = Forward
