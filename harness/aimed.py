@@ -1,8 +1,8 @@
 """Rays aimed at the shared edges and closed vertices of a scene, where a tracer that is not watertight leaks.
 
-Each origin is that of a diffuse ray, and the target lies on an edge or a vertex of the triangle that this ray hits
-first. The triangles around the target face the ray and leave no gap, so something must be hit at t <= 1, whatever
-lies in front: a tracer that answers more than `MOST_T` has let the ray through.
+Each origin is that of a diffuse ray (in a convex body, of a random one), and the target lies on an edge or a vertex
+of the triangle that this ray hits first. The triangles around the target face the ray and leave no gap, so something
+must be hit at t <= 1: a tracer that answers more than `MOST_T` has let the ray through.
 """
 
 from __future__ import annotations
@@ -51,15 +51,20 @@ def aimed_rays(scene: Scene, count: int, seed: int = 1, embree: EmbreeScene | No
     triangles share no edges, and for one without a view.
     """
     embree = embree or EmbreeScene(scene.triangles)
-    index, parts, found, turn = CornerIndex(scene.triangles), [], 0, 0
+    index, parts, found, turn, kind = CornerIndex(scene.triangles), [], 0, 0, "diffuse"
     while found < count:
-        if turn >= EMPTY_PASSES and not found:
+        if turn >= 2 * EMPTY_PASSES and not found:
             raise DefrayError(f"no triangles of scene {scene.name} that rays hit share an edge: nothing to aim at")
         size = min(PASS, max(4096, 4 * (count - found)))
-        parts.append(_one_pass(scene, index, embree, size, _vertex_share(parts), seed, turn))
+        # A convex body sends no ray back to itself: there the origins lie anywhere in the scene's bounds.
+        kind = "diffuse" if turn < EMPTY_PASSES or (kind == "diffuse" and found) else "random"
+        start = make_rays(scene, kind, size, seed=1000 * seed + turn, embree=embree)
+        parts.append(_one_pass(scene, index, embree, start, _vertex_share(parts), turn))
         found, turn = found + len(parts[-1]), turn + 1
+    # In random order, so that a part of the rays is like the whole.
+    order = np.random.Generator(np.random.Philox(key=[seed, 5 << 32])).permutation(count)
     origins, directions, at_vertex = (
-        np.concatenate(columns)[:count]
+        np.concatenate(columns)[order]
         for columns in zip(*((p.rays.origins, p.rays.directions, p.at_vertex) for p in parts), strict=True)
     )
     return AimedRays(Rays(origins, directions, np.full(count, np.inf, np.float32), "aimed", seed), at_vertex)
@@ -72,9 +77,11 @@ def _vertex_share(parts: list[AimedRays]) -> float:
     return min(max(at_edge / max(at_vertex + at_edge, 1), 0.25), 0.75) if parts else 0.5
 
 
-def _one_pass(scene: Scene, index: CornerIndex, embree: EmbreeScene, size: int, share: float, seed: int, turn: int):
-    """Aim once from each of `size` origins; what is kept has a closed fan that faces it and nothing in front."""
-    start = make_rays(scene, "diffuse", size, seed=1000 * seed + turn, embree=embree)
+def _one_pass(
+    scene: Scene, index: CornerIndex, embree: EmbreeScene, start: Rays, share: float, turn: int
+) -> AimedRays:
+    """Aim once from each origin of `start`; what is kept has a closed fan that faces it and nothing in front."""
+    size, seed = len(start), start.seed
     primitive = embree.trace(start).primitive
     hit = np.flatnonzero(primitive >= 0)
     generator = np.random.Generator(np.random.Philox(key=[seed, (4 << 32) + turn]))

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from harness import accuracy_command
 from harness.errors import DefrayError
 
 UsageError = typer.BadParameter.__base__  # Typer names no other way to it
@@ -247,6 +248,9 @@ def report(
 
     _records_of(folder)
     typer.echo(write_report(folder))
+
+
+accuracy_command.register(app)
 
 
 def _records_of(folder: Path) -> Path:

@@ -93,6 +93,11 @@ def test_the_exact_oracle_stops_aimed_rays_in_sponza():
         assert truth.t <= MOST_T, row
 
 
+def test_a_convex_body_seen_from_outside_is_aimed_at_from_within():
+    outside = View((0, 0, -4), (0, 0, 0))
+    assert len(aimed_rays(scene_of(icosphere(2), outside), 500)) == 500
+
+
 def test_unconnected_triangles_are_refused():
     with pytest.raises(DefrayError, match="share an edge") as caught:
         aimed_rays(scene_of(soup(400), View((0.5, 0.5, -1.0), (0.5, 0.5, 0.5))), 100)
