@@ -16,6 +16,7 @@ import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from harness.accuracy_rows import accuracy_file, latest_rows, precision_file
 from harness.errors import DefrayError
 from harness.figures import figures, style
 from harness.figures.runs import Runs, as_command, label_of, latest, read_published
@@ -25,6 +26,7 @@ from harness.tables import tables
 HIDDEN = ("runs", "name", "fewer_rays")
 WORDS = {"mrays_per_s": "Mrays/s", "ns": "(ns)", "ulp": "(ulp)", "sha256": "SHA-256", "megabytes": "(MB)",
          "t_off": "t off"}
+STABILITY_KEYS = ("intersector", "contraction", "family", "rays", "leaks", "band_ulp", "residual_p99_ulp", "passed")
 DISAGREEMENTS = ("t_off", "wrong", "missed", "phantom", "nonfinite")
 
 
@@ -62,7 +64,31 @@ def read_runs(folder: Path) -> Runs:
     kept = latest(records)
     devices = Counter(r["machine"].get("device") or "" for r in kept if r["tracer"] != "embree")
     device = devices.most_common(1)[0][0] if devices else kept[0]["machine"].get("device") or ""
-    return Runs(records=kept, folder=folder, device=device, published=read_published())
+    accuracy, precision = (
+        [row for row in latest_rows(file(folder).read()) if (row["machine"].get("device") or "") == device]
+        for file in (accuracy_file, precision_file)
+    )
+    stability = read_stability(folder / "stability.json", device)
+    return Runs(kept, folder, device, read_published(), accuracy, precision, stability["rows"],
+                stability["kernel_rates"])
+
+
+def read_stability(path: Path, device: str) -> dict:
+    """`rows` and `kernel_rates` of stability.json, both empty where there is none of this device.
+
+    Raises DefrayError for a file that is not what `defray stability` writes.
+    """
+    found = read_json(path)
+    if not found:
+        return {"rows": [], "kernel_rates": []}
+    if found.get("schema") != 1 or not isinstance(found.get("rows"), list):
+        raise DefrayError(f"{path} is no output of 'defray stability' that this version reads; write it again")
+    for row in found["rows"]:
+        missing = [] if not isinstance(row, dict) else [key for key in STABILITY_KEYS if key not in row]
+        if missing or not isinstance(row, dict):
+            raise DefrayError(f"{path}: a row lacks {', '.join(missing) or 'its keys'}; write it again")
+    here = not found.get("device") or str(found["device"]).endswith(device)
+    return {"rows": found["rows"] if here else [], "kernel_rates": (found.get("kernel_rates") or []) if here else []}
 
 
 def make_block(runs: Runs, name: str, module) -> dict:
