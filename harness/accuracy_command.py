@@ -1,12 +1,12 @@
-"""`defray accuracy`: measure rate and errors of many variants on some scenes, row by row into accuracy.jsonl."""
+"""`defray accuracy`, which measures rate and errors of many variants, and `defray recommend`, which chooses one."""
 
 from __future__ import annotations
 
 import json as json_module
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -56,54 +56,117 @@ def accuracy(
     """Chart speed against accuracy: rate, leaks of aimed rays and errors of t for many variants of tracers."""
     from harness.accuracy import Contender
 
-    names, plan = _request(scenes or [], tier, rays, aimed, repetitions)
-    contenders = [Contender.parse(text.strip()) for text in variants.split(",") if text.strip()] if variants else None
-    rows = run_accuracy(AccuracyRequest(names, contenders, plan, out, resume, device))
+    parts = _parts(scenes or [], tier, rays, aimed, repetitions)
+    if variants:
+        contenders = [Contender.parse(text.strip()) for text in variants.split(",") if text.strip()]
+        parts = [replace(part, contenders=contenders) for part in parts]
+    rows = run_accuracy(AccuracyRequest(parts, out, resume, device))
     if json:
         typer.echo(json_module.dumps(rows, allow_nan=False, ensure_ascii=False))
 
 
+def recommend(
+    scene: Annotated[str, typer.Argument(metavar="SCENE_OR_FILE", help="A scene, or a mesh file.")],
+    max_leaks: Annotated[
+        float, typer.Option(help="Largest share of rays aimed at edges and vertices that may leak.")
+    ] = 1e-6,
+    max_t_error: Annotated[
+        float | None, typer.Option(help="Largest relative error of t, 99th percentile; none by default.")
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", metavar="DIR", help="Folder with accuracy.jsonl; results/out, then results/reference/*."
+        ),
+    ] = None,
+    device: Annotated[
+        str | None, typer.Option(metavar="PART", help="Part of a device's name in 'defray doctor'.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else there.")] = False,
+) -> None:
+    """Name the fastest variant that is shown to be accurate enough; measures what the rows on file do not show."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    from harness import recommend as module
+    from harness.scene import check_name
+
+    check_name(scene)
+    console = Console(stderr=True)
+    with console.status(escape(scene)) as status:
+
+        def say(text: str) -> None:
+            status.update(escape(text))
+            if not console.is_terminal and ":" in text:
+                console.print(text, highlight=False, soft_wrap=True, markup=False)
+
+        advice = module.recommend(scene, module.Limits(max_leaks, max_t_error), folder, device, say)
+    if json:
+        typer.echo(json_module.dumps(module.as_json(advice), allow_nan=False, ensure_ascii=False))
+    else:
+        for note in advice.notes:
+            typer.echo(f"measured here: {note}")
+        for line in module.lines_of(advice):
+            typer.echo(line, err=advice.choice is None)
+    raise typer.Exit(0 if advice.choice else 1)
+
+
 def register(app: typer.Typer) -> None:
-    """Add the command to `defray`."""
+    """Add the commands to `defray`."""
     app.command(
         epilog="Examples:  [bold]defray accuracy sponza --rays 20k --aimed 100k[/bold]   "
         "[bold]defray accuracy sponza crown --variants deferred:ray-space,embree --out results/mine[/bold]"
     )(accuracy)
+    app.command(epilog="Example:  [bold]defray recommend sponza --max-leaks 1e-6[/bold]")(recommend)
 
 
-def _request(scenes: Sequence[str], tier: str | None, rays, aimed, repetitions) -> tuple[list[str], Plan]:
-    """Scenes and counts from the command line, else from the tier; raises DefrayError for what is not known."""
-    from harness.accuracy import Plan
+@dataclass(frozen=True)
+class Part:
+    """One scene and what is measured on it; `contenders` None stands for the default list of the device."""
+
+    scene: str
+    plan: Plan
+    contenders: list[Contender] | None = None
+
+
+@dataclass
+class AccuracyRequest:
+    """What `defray accuracy` was asked."""
+
+    parts: list[Part]
+    out: Path
+    resume: bool = False
+    device: str | None = None
+
+
+def _parts(scenes: Sequence[str], tier: str | None, rays, aimed, repetitions) -> list[Part]:
+    """Scenes and counts of the tier, replaced by those of the command line.
+
+    Raises DefrayError for what is not known.
+    """
+    from harness.accuracy import Contender, Plan
     from harness.errors import DefrayError, known
     from harness.plan import parse_count
     from harness.scene import check_name
 
     given = {"rays": rays and parse_count(rays), "aimed": aimed and parse_count(aimed), "repetitions": repetitions}
-    counts = {}
+    given = {name: value for name, value in given.items() if value}
+    entries = [{"scenes": list(scenes)}]
     if tier is not None:
         tiers = tomllib.loads(TIERS.read_text(encoding="utf-8"))["tiers"]
         if tier not in tiers:
             raise known("tier", tier, tiers)
-        scenes = scenes or tiers[tier]["scenes"]
-        counts = {name: parse_count(tiers[tier][name]) for name in given}
-    if not scenes:
+        entries = [entry | ({"scenes": list(scenes)} if scenes else {}) for entry in tiers[tier]]
+    found: dict[str, Part] = {}
+    for entry in entries:
+        counts = {name: parse_count(entry[name]) for name in ("rays", "aimed", "repetitions") if name in entry}
+        contenders = [Contender.parse(text) for text in entry.get("variants", [])] or None
+        for scene in entry["scenes"]:
+            check_name(scene)
+            found.setdefault(scene, Part(scene, Plan(**(counts | given)), contenders))
+    if not found:
         raise DefrayError("name a scene or a tier, as in: defray accuracy sponza")
-    for name in scenes:
-        check_name(name)
-    counts |= {name: value for name, value in given.items() if value}
-    return list(dict.fromkeys(scenes)), Plan(**counts)
-
-
-@dataclass
-class AccuracyRequest:
-    """What `defray accuracy` was asked; `contenders` None stands for the default list of the device."""
-
-    scenes: list[str]
-    contenders: list[Contender] | None
-    plan: Plan
-    out: Path
-    resume: bool = False
-    device: str | None = None
+    return list(found.values())
 
 
 def run_accuracy(request: AccuracyRequest) -> list[dict]:
@@ -121,38 +184,39 @@ def run_accuracy(request: AccuracyRequest) -> list[dict]:
 
     console = Console(stderr=True)
     device = open_device(request.device)
-    contenders = request.contenders or default_contenders(device)
+    parts = [replace(part, contenders=part.contenders or default_contenders(device)) for part in request.parts]
     with locked(request.out):
         file = accuracy_file(request.out)
         stored = {row["id"]: row for row in file.repair()}
         if stored and not request.resume:
             raise DefrayError(f"{file.path} already has rows; pass --resume to go on, or choose another --out")
-        missing = {
-            scene: [one for one in contenders if request.plan.id_of(scene, one) not in stored]
-            for scene in request.scenes
-        }
-        with scene_progress(console, [scene for scene, some in missing.items() if some]) as progress:
-            for scene, some in missing.items():
-                for row in _measured(scene, some, request.plan, device, progress):
+        missing = [_missing(part, stored) for part in parts]
+        with scene_progress(console, sum(bool(part.contenders) for part in missing)) as progress:
+            for part in missing:
+                for row in _measured(part, device, progress):
                     file.append(row)
                     stored[row["id"]] = row
                     progress.line(describe(row))
     console.print(f"{len(stored)} rows in {file.path}", highlight=False, soft_wrap=True, markup=False)
-    wanted = [request.plan.id_of(scene, one) for scene in request.scenes for one in contenders]
-    return [stored[identity] for identity in wanted]
+    return [stored[part.plan.id_of(part.scene, one)] for part in parts for one in part.contenders]
 
 
-def _measured(scene: str, contenders, plan: Plan, device, progress):
+def _missing(part: Part, stored: dict[str, dict]) -> Part:
+    """The part without the contenders that are on file."""
+    return replace(part, contenders=[o for o in part.contenders if part.plan.id_of(part.scene, o) not in stored])
+
+
+def _measured(part: Part, device, progress: SceneProgress) -> Iterator[dict]:
     """Whole rows of one scene."""
     from harness.accuracy import measure_accuracy
     from harness.measure import shared_scene
 
-    if not contenders:
+    if not part.contenders:
         return
-    progress.start(scene)
-    shared = shared_scene(scene, device)
-    for row in measure_accuracy(shared, contenders, plan, device, progress.tell):
-        yield row | row_facts(device) | {"id": plan.id_of(scene, row["variant"])}
+    progress.start(part.scene)
+    shared = shared_scene(part.scene, device)
+    for row in measure_accuracy(shared, part.contenders, part.plan, device, progress.tell):
+        yield row | row_facts(device) | {"id": part.plan.id_of(part.scene, row["variant"])}
     progress.end()
 
 
@@ -183,9 +247,9 @@ def describe(row: dict) -> str:
 class SceneProgress:
     """Shows which scene is measured, what is being done, and how far it is: a bar on a terminal, else lines only."""
 
-    def __init__(self, bar, console, scenes: Sequence[str]):
-        self._bar, self._console, self._scenes, self._done, self._scene = bar, console, len(scenes), 0, ""
-        self._task = bar.add_task("starting", total=max(self._scenes, 1))
+    def __init__(self, bar, console, scenes: int):
+        self._bar, self._console, self._done, self._scene = bar, console, 0, ""
+        self._task = bar.add_task("starting", total=max(scenes, 1))
 
     def start(self, scene: str) -> None:
         """A scene begins."""
@@ -209,8 +273,8 @@ class SceneProgress:
 
 
 @contextmanager
-def scene_progress(console, scenes: Sequence[str]):
-    """A SceneProgress over `scenes`, on `console`."""
+def scene_progress(console, scenes: int):
+    """A SceneProgress over so many scenes, on `console`."""
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
     columns = (

@@ -10,7 +10,7 @@ from shapes import icosphere
 
 from harness import accuracy
 from harness.accuracy import Contender, Plan, default_contenders, distance_rmse, measure_accuracy, residual_p99
-from harness.accuracy_command import AccuracyRequest, row_facts, run_accuracy
+from harness.accuracy_command import AccuracyRequest, Part, row_facts, run_accuracy
 from harness.accuracy_rows import accuracy_file, accuracy_row, latest_rows
 from harness.data import GridSpec, Hits, Rays, Scene, View
 from harness.errors import DefrayError
@@ -158,7 +158,7 @@ def test_a_second_run_needs_resume_and_measures_nothing_again(tmp_path, device, 
     mesh = tmp_path / "ball.npz"
     np.savez(mesh, vertices=triangles.reshape(-1, 3), faces=np.arange(3 * len(triangles)).reshape(-1, 3))
     contenders = [Contender.parse("deferred:ray-space")]
-    request = AccuracyRequest([str(mesh)], contenders, PLAN, tmp_path, device=device.title)
+    request = AccuracyRequest([Part(str(mesh), PLAN, contenders)], tmp_path, device=device.title)
     first = run_accuracy(request)
     with pytest.raises(DefrayError, match="--resume"):
         run_accuracy(request)
