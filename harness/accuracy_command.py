@@ -45,6 +45,10 @@ def accuracy(
         ),
     ] = None,
     repetitions: Annotated[int | None, typer.Option(min=1, help="Timed repetitions; 5 by default.")] = None,
+    precision: Annotated[
+        bool,
+        typer.Option("--precision", help="Also measure resolution, precision and rays a pixel: precision.jsonl."),
+    ] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Keep the rows on file and measure what is missing.")
     ] = False,
@@ -60,6 +64,8 @@ def accuracy(
     if variants:
         contenders = [Contender.parse(text.strip()) for text in variants.split(",") if text.strip()]
         parts = [replace(part, contenders=contenders) for part in parts]
+    if precision:
+        parts = [replace(part, precision=True) for part in parts]
     rows = run_accuracy(AccuracyRequest(parts, out, resume, device))
     if json:
         typer.echo(json_module.dumps(rows, allow_nan=False, ensure_ascii=False))
@@ -127,6 +133,7 @@ class Part:
     scene: str
     plan: Plan
     contenders: list[Contender] | None = None
+    precision: bool = False
 
 
 @dataclass
@@ -163,7 +170,8 @@ def _parts(scenes: Sequence[str], tier: str | None, rays, aimed, repetitions) ->
         contenders = [Contender.parse(text) for text in entry.get("variants", [])] or None
         for scene in entry["scenes"]:
             check_name(scene)
-            found.setdefault(scene, Part(scene, Plan(**(counts | given)), contenders))
+            precision = scene in entry.get("precision", ())
+            found.setdefault(scene, Part(scene, Plan(**(counts | given)), contenders, precision))
     if not found:
         raise DefrayError("name a scene or a tier, as in: defray accuracy sponza")
     return list(found.values())
@@ -197,6 +205,8 @@ def run_accuracy(request: AccuracyRequest) -> list[dict]:
                     file.append(row)
                     stored[row["id"]] = row
                     progress.line(describe(row))
+        with scene_progress(console, sum(part.precision for part in parts)) as progress:
+            _run_precision(request, parts, device, progress)
     console.print(f"{len(stored)} rows in {file.path}", highlight=False, soft_wrap=True, markup=False)
     return [stored[part.plan.id_of(part.scene, one)] for part in parts for one in part.contenders]
 
@@ -218,6 +228,27 @@ def _measured(part: Part, device, progress: SceneProgress) -> Iterator[dict]:
     for row in measure_accuracy(shared, part.contenders, part.plan, device, progress.tell):
         yield row | row_facts(device) | {"id": part.plan.id_of(part.scene, row["variant"])}
     progress.end()
+
+
+def _run_precision(request: AccuracyRequest, parts: list[Part], device, progress: SceneProgress) -> None:
+    """Measure what precision.jsonl lacks, scene by scene."""
+    from harness.accuracy_rows import identity, precision_file
+    from harness.measure import shared_scene
+    from harness.precision import measure_precision
+
+    file = precision_file(request.out)
+    stored = {row["id"] for row in file.repair()}
+    for part in parts:
+        rays, repetitions = part.plan.rays, part.plan.repetitions
+        facts = {"scene": part.scene, "rays": rays, "repetitions": repetitions}
+        if not part.precision or identity(**facts, knob="samples", value="1") in stored:
+            continue
+        progress.start(part.scene)
+        shared = shared_scene(part.scene, device)
+        for row in measure_precision(shared, rays, repetitions, device, progress.tell):
+            file.append(row | row_facts(device) | {"id": identity(**facts, knob=row["knob"], value=row["value"])})
+        progress.end()
+        progress.line(f"{part.scene} … precision and resolution: rows in {file.path}")
 
 
 def row_facts(device) -> dict:
