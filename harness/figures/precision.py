@@ -1,9 +1,10 @@
-"""When less is enough: error of the hit distance over rate, and an image's noise against what half precision costs."""
+"""When less is enough: error of the hit distance over rate, and noise of an image beside half precision's error."""
 
 from __future__ import annotations
 
 import pandas as pd
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullLocator
 
 from harness.figures import style
 from harness.figures.metrics import METRICS
@@ -77,6 +78,8 @@ def _rates(axis, numbers: pd.DataFrame, scenes: list[str]) -> None:
     bottom, top = numbers["mrays_per_s_low"].min() / 1.15, numbers["mrays_per_s_high"].max() * 1.15
     axis.set(xscale="log", yscale="log", xlim=(high, low), ylim=(bottom, top),
              xlabel=METRICS["distance_rmse"].label, ylabel="million rays per second")
+    axis.xaxis.set_major_locator(LogLocator(numticks=6))
+    axis.xaxis.set_minor_locator(NullLocator())
     axis.xaxis.set_major_formatter(lambda value, _: f"{value:.0e}".replace("e-0", "e−").replace("e-", "e−"))
     style.log_axis(axis.yaxis, bottom, top)
     axis.grid()
