@@ -12,6 +12,7 @@ import typer
 
 from harness import accuracy_command
 from harness.errors import DefrayError
+from harness.stability.command import stability
 
 UsageError = typer.BadParameter.__base__  # Typer names no other way to it
 app = typer.Typer(
@@ -96,8 +97,8 @@ def trace(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="Option of the tracer, may be repeated: wave, arrange, compaction (deferred), lanes, batch, "
-            "robust, threads (embree).",
+            help="Option of the tracer, may be repeated: wave, arrange, compaction (deferred), exit (forward), "
+            "lanes, batch, robust, threads (embree).",
         ),
     ] = None,
     rays: RaysOption = "1M",
@@ -250,6 +251,9 @@ def report(
     typer.echo(write_report(folder))
 
 
+app.command(
+    epilog="Examples:  [bold]defray stability[/bold]   [bold]defray stability --intersector all --family W2[/bold]"
+)(stability)
 accuracy_command.register(app)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from harness.errors import known
 
 LANES = (1, 4, 8, 16)
+DEFAULT = "ray-space"  # what a tracer uses where none is named
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,29 @@ class Intersector:
         return 48 if self.precomputes else 36
 
 
+_WBW = "Woop, Benthin & Wald 2013"
+
 INTERSECTORS = {
     entry.name: entry
     for entry in (
-        Intersector("ray-space", "ray_space.cl", True, "Ellis, Shaffer & Hart", 66),
+        Intersector("ray-space", "ray_space.cl", True, "Ellis, Shaffer & Hart", 48),
+        Intersector("ray-space-orthonormal", "ray_space_orthonormal.cl", True, "Ellis, Shaffer & Hart", 66),
+        Intersector("ray-space-plain", "ray_space_plain.cl", False, "Ellis, Shaffer & Hart", 48),
+        Intersector("ray-space-folded", "ray_space_folded.cl", False, "Ellis, Shaffer & Hart", 45),
         Intersector("moller-trumbore", "moller_trumbore.cl", False, "Möller & Trumbore 1997", 50),
         Intersector("moller-trumbore-epsilon", "moller_trumbore_epsilon.cl", False, "Möller & Trumbore 1997", 50),
+        Intersector("moller-trumbore-double", "moller_trumbore_double.cl", False, "Möller & Trumbore 1997", 50,
+                    needs_double=True),
+        Intersector("woop-benthin-wald", "woop_benthin_wald.cl", False, _WBW, 30, needs_double=True),
+        Intersector("woop-benthin-wald-kahan", "woop_benthin_wald_kahan.cl", True, _WBW, 39),
+        Intersector("woop-benthin-wald-double", "woop_benthin_wald_double.cl", False, _WBW, 30, needs_double=True),
+        Intersector("pbrt", "pbrt.cl", False, "Pharr, Jakob & Humphreys 2023", 51, needs_double=True),
+        Intersector("plucker", "plucker.cl", False, "Davis & Wald", 69),
+        Intersector("plucker-zero", "plucker_zero.cl", False, "Davis & Wald", 66),
+        Intersector("kensler-shirley", "kensler_shirley.cl", False, "Kensler & Shirley 2006", 52),
+        Intersector("baldwin-weber", "baldwin_weber.cl", False, "Baldwin & Weber 2016", 31, precomputes=True),
+        Intersector("woop-unit-triangle", "woop_unit_triangle.cl", False, "Woop 2004", 37, precomputes=True),
+        Intersector("havel-herout", "havel_herout.cl", False, "Havel & Herout 2010", 34, precomputes=True),
     )
 }
 

@@ -21,12 +21,12 @@ from harness.errors import DefrayError
 from harness.figures import figures, style
 from harness.figures.runs import Runs, as_command, label_of, latest, read_published
 from harness.record import RecordFile
+from harness.stability.report import read_results
 from harness.tables import tables
 
 HIDDEN = ("runs", "name", "fewer_rays")
 WORDS = {"mrays_per_s": "Mrays/s", "ns": "(ns)", "ulp": "(ulp)", "sha256": "SHA-256", "megabytes": "(MB)",
          "t_off": "t off"}
-STABILITY_KEYS = ("intersector", "contraction", "family", "rays", "leaks", "band_ulp", "residual_p99_ulp", "passed")
 DISAGREEMENTS = ("t_off", "wrong", "missed", "phantom", "nonfinite")
 
 
@@ -68,27 +68,20 @@ def read_runs(folder: Path) -> Runs:
         [row for row in latest_rows(file(folder).read()) if (row["machine"].get("device") or "") == device]
         for file in (accuracy_file, precision_file)
     )
-    stability = read_stability(folder / "stability.json", device)
-    return Runs(kept, folder, device, read_published(), accuracy, precision, stability["rows"],
-                stability["kernel_rates"])
+    tests, rates = read_stability(folder, device)
+    return Runs(kept, folder, device, read_published(), accuracy, precision, tests, rates)
 
 
-def read_stability(path: Path, device: str) -> dict:
-    """`rows` and `kernel_rates` of stability.json, both empty where there is none of this device.
+def read_stability(folder: Path, device: str) -> tuple[list[dict], list[dict]]:
+    """Rows and rates of the stress suite, of tests whose hits were right; both empty without a file of this device.
 
-    Raises DefrayError for a file that is not what `defray stability` writes.
+    Raises DefrayError for a file that `defray stability` did not write.
     """
-    found = read_json(path)
-    if not found:
-        return {"rows": [], "kernel_rates": []}
-    if found.get("schema") != 1 or not isinstance(found.get("rows"), list):
-        raise DefrayError(f"{path} is no output of 'defray stability' that this version reads; write it again")
-    for row in found["rows"]:
-        missing = [] if not isinstance(row, dict) else [key for key in STABILITY_KEYS if key not in row]
-        if missing or not isinstance(row, dict):
-            raise DefrayError(f"{path}: a row lacks {', '.join(missing) or 'its keys'}; write it again")
-    here = not found.get("device") or str(found["device"]).endswith(device)
-    return {"rows": found["rows"] if here else [], "kernel_rates": (found.get("kernel_rates") or []) if here else []}
+    found = read_results(folder)
+    if found is None or (found.machine.get("device") or "") != device:
+        return [], []
+    rates = [rate.model_dump() for rate in found.kernel_rates if rate.tests_per_second is not None]
+    return [row.model_dump() for row in found.rows], rates
 
 
 def make_block(runs: Runs, name: str, module) -> dict:

@@ -45,6 +45,11 @@ inline void axis_interval(Overlap *o, int axis, float a, float b, float2 coeffic
     const float slack = dot(coefficients, half_size) + (coefficients.x + coefficients.y) * span * ROUNDING;
     o->axis_low[axis] = min(a, b) - slack;
     o->axis_high[axis] = max(a, b) + slack;
+#if BINNING == OPEN
+    // An edge parallel to the box's leaves no axis, and nothing lies strictly between 0 and 0.
+    if (coefficients.x + coefficients.y == 0.0f)
+        o->axis_low[axis] = -INFINITY, o->axis_high[axis] = INFINITY;
+#endif
 }
 
 // The first and last cell that an interval along each axis can overlap.

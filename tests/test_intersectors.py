@@ -21,6 +21,8 @@ TRIANGLE = np.array([[[0, 0, 0], [4, 0, 0], [0, 4, 0]]], np.float32)
 every_intersector = pytest.mark.parametrize("name", INTERSECTORS)
 # What is known to fail is expected to fail: a repair shows as well.
 LIMITED_SCALE = {("moller-trumbore-epsilon", 1e-10)}
+HITS_BESIDE = {"ray-space-plain", "ray-space-folded"}
+SELF_HITS = {"ray-space-plain", "ray-space-folded", "woop-benthin-wald", "woop-benthin-wald-kahan"}
 every_lane = pytest.mark.parametrize("lanes", LANES)
 
 
@@ -93,8 +95,9 @@ def test_a_watertight_intersector_loses_no_ray_aimed_at_an_edge(device, name, la
 
 
 @every_intersector
-def test_no_ray_from_a_wall_hits_the_wall(device, name):
+def test_no_ray_from_a_wall_hits_the_wall(request, device, name):
     """Rays that start 256 ulp off a large wall near a coordinate plane: t must not round to the far side."""
+    expect_failure(request, name in SELF_HITS)
     wall = np.array([[[-947, -1.5, 668], [1653, -1.5, 668], [1653, -1.5, -1016]]], np.float32)
     generator = np.random.default_rng(2)
     origins = np.stack([generator.uniform(800, 1600, 5000), np.full(5000, -1.5), generator.uniform(0, 600, 5000)], 1)
@@ -128,8 +131,9 @@ def test_an_unknown_intersector_lists_the_known():
 
 
 @every_intersector
-def test_a_small_distant_triangle_is_not_hit_from_beside(device, name):
+def test_a_small_distant_triangle_is_not_hit_from_beside(request, device, name):
     """Edge functions of small triangles far from the origin must not round to zero, which would pass as inside."""
+    expect_failure(request, name in HITS_BESIDE)
     corner = np.array([1640.0, -0.1, -995.0])
     small = corner + np.random.default_rng(3).uniform(0, 0.01, (400, 3, 3))
     generator = np.random.default_rng(4)

@@ -30,11 +30,11 @@ def select(runs: Runs) -> pd.DataFrame:
 
 def _cell(row: dict) -> dict:
     rays = max(row["rays"], 1)
-    lost = max(row["leaks"] or 0, row.get("gross") or 0) / rays
+    lost = max(row["leaks"] or 0, row["gross"] or 0) / rays
     ulp = [row[name] for name in ("band_ulp", "residual_p99_ulp") if row[name] is not None]
     kind, value = ("ulp", max(ulp)) if ulp else ("rate", lost)
     if not row["passed"] and severity(kind, value) == 0:  # some other limit was broken
-        kind, value = "rate", max([lost, *((row.get(name) or 0) / rays for name in OTHER_FAULTS)])
+        kind, value = "rate", max([lost, *((row[name] or 0) / rays for name in OTHER_FAULTS)])
     return {"intersector": row["intersector"], "contraction": row["contraction"], "family": row["family"],
             "rays": row["rays"], "kind": kind, "value": value, "severity": severity(kind, value),
             "all_lost": bool(lost >= ALL_LOST and not row["passed"]), "passed": bool(row["passed"])}

@@ -42,4 +42,5 @@ class Forward(DeviceTracer):
             *(self.visited, *self.counting),
         )
 
+
 TRACER = Forward

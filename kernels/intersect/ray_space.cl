@@ -1,88 +1,96 @@
-// Ellis, Shaffer & Hart, "Deferred Ray Tracing Using Intersection Binning", section 2: the triangle is taken
-// into ray space and a 2D point-in-polygon test decides.
+// Ellis, Shaffer & Hart, "Deferred Ray Tracing Using Intersection Binning", section 2: the triangle is taken into ray
+// space and a 2D point-in-polygon test decides. The frame is the sheared one of Woop, Benthin & Wald 2013: with k the
+// direction's largest component,
 //
-//   X_i = (p_i - o) . u,  Y_i = (p_i - o) . v      six dot products; (u, v) span the plane across the ray
+//   u = e_i - (d_i / d_k) e_k,  v = e_j - (d_j / d_k) e_k
+//   X_i = (p_i - o) . u,  Y_i = (p_i - o) . v      six dot products, of two terms each
 //   (E0, E1, E2) = (X0,X1,X2) x (Y0,Y1,Y2)         one cross product: the three edge functions
 //   hit when no two edge functions differ in sign; t = n . (p_0 - o) / n . d,  n = (p_1 - p_0) x (p_2 - p_0)
 //
-// The frame is that of Duff et al. 2017, "Building an orthonormal basis, revisited", for unit directions.
-// The mean of the vertices' depths weighted by E_i would serve as t, but on a large triangle it is off by an ulp
-// of the vertices' distance, which turns into self-hits where a ray starts on the triangle.
-// A plain rounded cross product is watertight too, but rounds to zero for small triangles far from the ray's
-// origin and then reports hits hundreds of units beside the ray; Kahan's difference of products does not.
-// flops: 66 to reject, +58 and two divisions on a hit. Bytes a triangle: 36, nothing precomputed.
-// Watertight: yes, contraction on or off: X_i and Y_i depend on vertex and ray alone, and a difference of
-// products within 1.5 ulp never has the wrong sign.
+// The signs ask of a frame only that it spans the plane across the ray. This one is rounded once, has two terms a dot
+// product, and leaves registers free; z changes places with axis k, a selection a lane. A mirrored frame is as good.
+// A plain rounded cross product is watertight too, but rounds to zero for small triangles far from the ray's origin and
+// then reports hits hundreds of units beside the ray; Kahan's difference of products does not.
+// The mean of the vertices' depths weighted by E_i would serve as t, but on a large triangle it is off by an ulp of the
+// vertices' distance, which turns into self-hits where a ray starts on the triangle. The plane's t is right there and
+// wrong where the ray lies in the plane, so that t is the plane's, held to within DEPTH_ERROR of the mean.
+// flops: 48 to accept or reject beside the selections, +61 and two divisions on a hit. Bytes a triangle: 36, nothing
+// precomputed.
+// Watertight: yes, contraction on or off: X_i and Y_i depend on vertex and ray alone, and a difference of products
+// within 1.5 ulp never has the wrong sign.
 // Known failures: t of triangles so thin that their edges' rounding tilts the plane.
+
+#define DEPTH_ERROR 0x1p-21f  // eight roundings of the farthest vertex's depth
 
 typedef struct {
     real ox, oy, oz;
-    real ux, uy, uz;
-    real vx, vy, vz;
-    real dx, dy, dz;  // direction over its squared length, so that Z_i is in units of t
-    real squared;     // squared length of the direction
+    mask by_x, by_y;  // axis k is x, y, else z
+    real sx, sy;      // d_i / d_k and d_j / d_k
+    real sz;          // 1 / d_k
+    real dx, dy, dz;
 } Frame;
 
 inline Frame intersector_setup(const RayLanes ray)
 {
-    const real squared = fma(ray.dx, ray.dx, fma(ray.dy, ray.dy, ray.dz * ray.dz));
-    const real inverse = 1.0f / sqrt(squared);
-    const real x = ray.dx * inverse, y = ray.dy * inverse, z = ray.dz * inverse;
-    const real sign = copysign((real)1.0f, z);
-    const real a = -1.0f / (sign + z);
-    const real b = x * y * a;
-    const real over = 1.0f / squared;
+    const real ax = fabs(ray.dx), ay = fabs(ray.dy), az = fabs(ray.dz);
     Frame f;
     f.ox = ray.ox, f.oy = ray.oy, f.oz = ray.oz;
-    f.ux = 1.0f + sign * x * x * a, f.uy = sign * b, f.uz = -sign * x;
-    f.vx = b, f.vy = sign + y * y * a, f.vz = -y;
-    f.squared = squared;
-    f.dx = ray.dx * over, f.dy = ray.dy * over, f.dz = ray.dz * over;
+    f.dx = ray.dx, f.dy = ray.dy, f.dz = ray.dz;
+    f.by_x = (ax >= ay) & (ax >= az);
+    f.by_y = mask_not(f.by_x) & (ay >= az);
+    const real longest = pick(pick(ray.dz, ray.dy, f.by_y), ray.dx, f.by_x);
+    f.sx = pick(ray.dx, ray.dz, f.by_x) / longest;
+    f.sy = pick(ray.dy, ray.dz, f.by_y) / longest;
+    f.sz = 1.0f / longest;
     return f;
+}
+
+// A vertex relative to the origin across the ray, and its coordinate along axis k.
+typedef struct {
+    real x, y, along;
+} Across;
+
+inline Across across(const Frame *f, real px, real py, real pz)
+{
+    Across a;
+    a.along = pick(pick(pz, py, f->by_y), px, f->by_x);
+    a.x = fma(-f->sx, a.along, pick(px, pz, f->by_x));
+    a.y = fma(-f->sy, a.along, pick(py, pz, f->by_y));
+    return a;
 }
 
 inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u, real *v)
 {
-    const real px0 = s->x0 - f->ox, py0 = s->y0 - f->oy, pz0 = s->z0 - f->oz;
-    const real px1 = s->x1 - f->ox, py1 = s->y1 - f->oy, pz1 = s->z1 - f->oz;
-    const real px2 = s->x2 - f->ox, py2 = s->y2 - f->oy, pz2 = s->z2 - f->oz;
-
-    // Six dot products take the vertices across the ray.
-    const real x0 = fma(px0, f->ux, fma(py0, f->uy, pz0 * f->uz));
-    const real y0 = fma(px0, f->vx, fma(py0, f->vy, pz0 * f->vz));
-    const real x1 = fma(px1, f->ux, fma(py1, f->uy, pz1 * f->uz));
-    const real y1 = fma(px1, f->vx, fma(py1, f->vy, pz1 * f->vz));
-    const real x2 = fma(px2, f->ux, fma(py2, f->uy, pz2 * f->uz));
-    const real y2 = fma(px2, f->vx, fma(py2, f->vy, pz2 * f->vz));
+    const real px = s->x0 - f->ox, py = s->y0 - f->oy, pz = s->z0 - f->oz;
+    const Across a = across(f, px, py, pz);
+    const Across b = across(f, s->x1 - f->ox, s->y1 - f->oy, s->z1 - f->oz);
+    const Across c = across(f, s->x2 - f->ox, s->y2 - f->oy, s->z2 - f->oz);
 
     // One cross product gives the edge functions, without cancellation: zero only where it is exact.
-    const real e0 = difference_of_products(x1, y2, x2, y1);
-    const real e1 = difference_of_products(x2, y0, x0, y2);
-    const real e2 = difference_of_products(x0, y1, x1, y0);
-    const real least = min(e0, min(e1, e2)), most = max(e0, max(e1, e2));
-    const mask inside = (least >= 0.0f) | (most <= 0.0f);
+    const real e0 = difference_of_products(b.x, c.y, c.x, b.y);
+    const real e1 = difference_of_products(c.x, a.y, a.x, c.y);
+    const real e2 = difference_of_products(a.x, b.y, b.x, a.y);
+    const mask inside = (min(e0, min(e1, e2)) >= 0.0f) | (max(e0, max(e1, e2)) <= 0.0f);
     if (!mask_any(inside))
         return inside;
 
-    // Only a hit computes t: on the triangle's plane, by a normal without cancellation, and never beyond the
-    // vertices' depths, which bounds the error of a grazing ray. Comparisons let a NaN through to be refused.
-    const real z0 = fma(px0, f->dx, fma(py0, f->dy, pz0 * f->dz));
-    const real z1 = fma(px1, f->dx, fma(py1, f->dy, pz1 * f->dz));
-    const real z2 = fma(px2, f->dx, fma(py2, f->dy, pz2 * f->dz));
+    // Only a hit computes t: on the triangle's plane, by a normal without cancellation, and within the rounding error of
+    // the mean of the vertices' depths, which keeps the hit of a coplanar ray on its triangle. A NaN stays one.
     const real ax = s->x1 - s->x0, ay = s->y1 - s->y0, az = s->z1 - s->z0;
     const real bx = s->x2 - s->x0, by = s->y2 - s->y0, bz = s->z2 - s->z0;
     const real nx = difference_of_products(ay, bz, az, by);
     const real ny = difference_of_products(az, bx, ax, bz);
     const real nz = difference_of_products(ax, by, ay, bx);
-    const real depth = fma(nx, px0, fma(ny, py0, nz * pz0));
-    const real slope = fma(nx, f->dx, fma(ny, f->dy, nz * f->dz)) * f->squared;
-    const real nearest = min(z0, min(z1, z2)), farthest = max(z0, max(z1, z2));
-    const real plane = depth / slope;
-    const real above = pick(plane, nearest, plane < nearest);
-    *t = pick(above, farthest, above > farthest);
-
+    const real depth = fma(nx, px, fma(ny, py, nz * pz));
+    const real slope = fma(nx, f->dx, fma(ny, f->dy, nz * f->dz));
+    const real z0 = a.along * f->sz, z1 = b.along * f->sz, z2 = c.along * f->sz;
     const real sum = e0 + e1 + e2;
     const real inverse = 1.0f / sum;
+    const real between = fma(e0, z0, fma(e1, z1, e2 * z2)) * inverse;
+    const real reach = DEPTH_ERROR * max(fabs(z0), max(fabs(z1), fabs(z2)));
+    const real plane = depth / slope;
+    const real above = pick(plane, between - reach, plane < between - reach);
+    *t = pick(above, between + reach, above > between + reach);
     *u = e1 * inverse;
     *v = e2 * inverse;
     return inside & ((sum > 0.0f) | (sum < 0.0f));

@@ -1,0 +1,1 @@
+"""Stress tests of intersectors, of the grid and of ray offsets: where methods fail, and by how much."""

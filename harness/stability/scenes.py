@@ -1,0 +1,103 @@
+"""Families that trace whole scenes: Embree's watertight test, and triangles without area among others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness import tracers
+from harness.data import GridSpec, Hits, Rays, Scene
+from harness.device import Device
+from harness.exact import zero_area
+from harness.grid import build_grid
+from harness.intersectors import Intersector
+from harness.stability.meshes import globe
+from harness.stability.suite import METRICS
+from harness.stopwatch import Stopwatch
+from harness.tracers._base import Setting
+
+GRID = GridSpec(8, 64)
+SPHERE_DIVISIONS, PLANE_DIVISIONS = 50, 50  # cells an edge of the sphere's cube and of the plane
+SPHERE_RADIUS, PLANE_SIZE, PLANE_DISTANCE = 2.0, 12.0, 3.0
+
+
+def trace(device: Device, triangles, rays: Rays, tracer: str, intersector: Intersector, contraction: str) -> Hits:
+    """First hits by one tracer."""
+    setting = Setting.on_device(Scene("stability", triangles), device)
+    kind = tracers.find(tracer)
+    if kind.needs_grid:
+        setting = Setting(setting.scene, device, setting.device_scene, build_grid(setting.device_scene, GRID))
+    return kind(setting, intersector, {"contraction": contraction}).trace(rays, Stopwatch(device.queue))
+
+
+def verify_inputs(case: dict, count: int, generator: np.random.Generator) -> tuple[np.ndarray, Rays]:
+    """Triangles and rays of Embree's WatertightTest; every ray should hit.
+
+    `case`: `model` sphere, random rays from around the centre, or plane, random rays from one point before it;
+    `position` of both.
+    """
+    position = np.array(case["position"])
+    turns = 2 * generator.random((count, 3)) - 1
+    if case["model"] == "sphere":
+        vertices, faces = globe(SPHERE_DIVISIONS)
+        triangles = (SPHERE_RADIUS * vertices + position)[faces]
+        origins = position + 2 * generator.random((count, 3)) - 1
+        directions = turns
+    else:
+        triangles = _plane(position[0])
+        origins = np.broadcast_to([position[0] - PLANE_DISTANCE, 0.0, 0.0], (count, 3))
+        directions = np.stack([np.ones(count), turns[:, 1], turns[:, 2]], axis=1)
+    limit = np.full(count, np.inf, np.float32)
+    rays = Rays(origins.astype(np.float32), directions.astype(np.float32), limit)
+    return triangles.astype(np.float32), rays
+
+
+def _plane(x: float) -> np.ndarray:
+    """A square of 12 x 12 about the axis at `x`: float64[t,3,3]."""
+    step = PLANE_SIZE / PLANE_DIVISIONS
+    i, j = np.divmod(np.arange(PLANE_DIVISIONS**2), PLANE_DIVISIONS)
+    corner = np.stack([np.full(len(i), x), i * step - PLANE_SIZE / 2, j * step - PLANE_SIZE / 2], axis=1)
+    right, up = np.array([0, step, 0]), np.array([0, 0, step])
+    square = [corner, corner + right, corner + right + up, corner + up]
+    return np.concatenate([np.stack([square[k] for k in order], axis=1) for order in ((0, 1, 2), (0, 2, 3))])
+
+
+def judge_verify(hits: Hits) -> dict:
+    """Rays that hit nothing."""
+    hit = hits.primitive >= 0
+    return {
+        "rays": len(hits),
+        **dict.fromkeys(METRICS),
+        "leaks": int((~hit).sum()),
+        "nonfinite": int((hit & ~np.isfinite(hits.t)).sum()),
+    }
+
+
+def degenerate_inputs(case: dict, count: int, generator: np.random.Generator) -> tuple[np.ndarray, Rays]:
+    """A scene in which every triangle appears four times: itself, a copy, a point and a line of its corners."""
+    healthy = generator.random((400, 1, 3)) + 0.3 * (generator.random((400, 3, 3)) - 0.5)
+    points = np.repeat(healthy[:, :1], 3, axis=1)
+    lines = healthy[:, [0, 1, 1]]
+    steps = np.round(healthy * 64) / 64  # corners a, b and 2 b - a, which is exact on a lattice
+    lines[::2] = np.stack([steps[:, 0], steps[:, 1], 2 * steps[:, 1] - steps[:, 0]], axis=1)[::2]
+    triangles = np.concatenate([healthy, healthy, points, lines]).astype(np.float32)
+    origins = generator.random((count, 3)).astype(np.float32)
+    corners = triangles[generator.integers(len(triangles), size=count)].astype(np.float64)
+    weights = generator.integers(0, 3, (count, 3, 1)) + 1e-3
+    targets = (corners * weights).sum(axis=1) / weights.sum(axis=1)
+    limit = np.full(count, np.inf, np.float32)
+    return triangles, Rays(origins, (targets - origins).astype(np.float32), limit)
+
+
+def judge_degenerate(triangles: np.ndarray, hits: Hits) -> dict:
+    """Hits on triangles without area, and hits on the second of two equal triangles, are gross."""
+    hit = hits.primitive >= 0
+    flat = zero_area(triangles)
+    copy = np.zeros(len(triangles), bool)
+    copy[400:800] = True
+    bad = hit & (flat | copy)[np.maximum(hits.primitive, 0)]
+    return {
+        "rays": len(hits),
+        **dict.fromkeys(METRICS),
+        "gross": int(bad.sum()),
+        "nonfinite": int((hit & ~np.isfinite(hits.t)).sum()),
+    }
