@@ -64,7 +64,8 @@ def accuracy_row(scene: str, variant: str, triangles: int = 279_163, aimed: int 
 def precision_row(scene: str, knob: str, value: str, rate: float, error: float, triangles: int = 279_163, **more):
     """A row of precision.jsonl."""
     return common(scene, f"{knob} {value}", triangles) | times(rate, 64_000, 3) | {
-        "knob": knob, "value": value, "variant": "deferred:ray-space", "rays": 64_000, "error": error, **more}
+        "knob": knob, "value": value, "variant": "deferred:ray-space", "rays": 64_000, "error": error,
+        "image_error": None, "differing": None, **more}
 
 
 def precision_rows(scene: str, triangles: int = 279_163) -> list[dict]:

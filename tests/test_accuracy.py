@@ -7,11 +7,13 @@ import json
 import numpy as np
 import pytest
 from shapes import icosphere
+from typer.testing import CliRunner
 
 from harness import accuracy
 from harness.accuracy import Contender, Plan, default_contenders, distance_rmse, measure_accuracy, residual_p99
-from harness.accuracy_command import AccuracyRequest, Part, row_facts, run_accuracy
+from harness.accuracy_command import AccuracyRequest, Part, _parts, row_facts, run_accuracy
 from harness.accuracy_rows import accuracy_file, accuracy_row, latest_rows
+from harness.cli import app
 from harness.data import GridSpec, Hits, Rays, Scene, View
 from harness.errors import DefrayError
 from harness.measure import SharedScene
@@ -199,3 +201,28 @@ def test_residual_without_a_hit_is_none():
     hits = Hits(*(np.full(3, value, kind) for value, kind in ((np.inf, "f4"), (-1, "i4"), (0, "f4"), (0, "f4"))))
     rays = Rays(np.zeros((3, 3), np.float32), np.ones((3, 3), np.float32), np.full(3, np.inf, np.float32))
     assert residual_p99(icosphere(1), rays, hits) is None
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("accuracy", "name a scene or a tier"),
+        ("accuracy --tier huge", "unknown tier 'huge'"),
+        ("accuracy nowhere", "unknown scene 'nowhere'"),
+        ("accuracy sponza --rays none", "'none' is not a count"),
+        ("accuracy sponza --variants walk:ray-space", "unknown tracer 'walk'"),
+        ("recommend nowhere", "unknown scene 'nowhere'"),
+        ("recommend sponza --max-leaks 0", "must be above 0"),
+    ],
+)
+def test_each_mistake_is_one_line(command, message):
+    result = CliRunner().invoke(app, command.split())
+    assert isinstance(result.exception, DefrayError) and message in str(result.exception)
+
+
+@pytest.mark.parametrize("tier", ["smoke", "paper", "full"])
+def test_tiers_name_scenes_and_counts(tier):
+    parts = _parts([], tier, None, None, None)
+    assert parts and all(part.plan.aimed >= 16_000 and part.plan.repetitions >= 2 for part in parts)
+    only = _parts(["sponza"], tier, "1k", None, 4)
+    assert [(part.scene, part.plan.rays, part.plan.repetitions) for part in only] == [("sponza", 1000, 4)]

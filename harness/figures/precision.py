@@ -43,10 +43,10 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
             "256 others; dashed: the error that half precision makes at equal directions. Where noise lies above "
             "the dashed line, half precision is enough.")
     for scene, rows in numbers.groupby("scene", sort=False):
-        half = rows["image_error"].dropna()
+        half = error_of_half(rows)
         noise = rows[rows["knob"] == "samples"]
-        if len(half) and len(noise):
-            above = noise[noise["error"] > half.iloc[0]]["value"].astype(int)
+        if half is not None and len(noise):
+            above = noise[noise["error"] > half]["value"].astype(int)
             measured = noise["value"].astype(int).max()
             if above.empty:
                 text += f" {scene}: at no number measured."
@@ -55,6 +55,12 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
             else:
                 text += f" {scene}: up to {above.max()} rays a pixel."
     return text
+
+
+def error_of_half(rows: pd.DataFrame) -> float | None:
+    """Error of the image that half precision makes on one scene; None where it was not measured."""
+    found = rows.loc[rows["value"] == "half", "image_error"].dropna()
+    return None if found.empty else float(found.iloc[0])
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
@@ -111,9 +117,9 @@ def _noise(axis, numbers: pd.DataFrame, scenes: list[str]) -> None:
         colour = COLOURS[scenes.index(name) % len(COLOURS)]
         noise = rows[rows["knob"] == "samples"].sort_values("error", ascending=False)
         axis.plot(noise["value"].astype(int), noise["error"], color=colour, marker="o")
-        for error in rows["image_error"].dropna():
-            if error > 0 and rows.loc[rows["image_error"] == error, "value"].iloc[0] == "half":
-                axis.axhline(error, color=colour, linestyle=(0, (5, 2)), linewidth=1)
-                axis.annotate("half precision", (0.03, error), (0, 3), xycoords=axis.get_yaxis_transform(),
-                              textcoords="offset points", fontsize=6.5, color=colour)
+        half = error_of_half(rows)
+        if half:
+            axis.axhline(half, color=colour, linestyle=(0, (5, 2)), linewidth=1)
+            axis.annotate("half precision", (0.03, half), (0, 3), xycoords=axis.get_yaxis_transform(),
+                          textcoords="offset points", fontsize=6.5, color=colour)
     style.log_axis(axis.yaxis, *axis.get_ylim())
