@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 
 import numpy as np
 import pandas as pd
@@ -38,7 +39,8 @@ def select(runs: Runs) -> pd.DataFrame:
         "scene": table["scene"], "series": table["name"], "tracer": table["tracer"],
         "intersector": table["intersector"], "variant": table["variant"], "rays": table["rays"],
         "aimed_rays": table["aimed"], "leaks": table["leaks"], "leak_rate": table["leak_rate"],
-        "leak_rate_bound": table["leak_bound"], "minus_log10_leak_rate": -np.log10(table["plotted"]),
+        "leak_bound": table["leak_bound"],
+        "minus_log10_leak_bound": -np.log10(table["leak_bound"]),
         "total_mrays_per_s": table["rate"], "total_mrays_per_s_low": table["rate_low"],
         "total_mrays_per_s_high": table["rate_high"], "t_error_p99": table["t_error_p99"],
         "default": table["variant"] == str(check_variant(Variant(tracer="deferred"))),
@@ -48,12 +50,12 @@ def select(runs: Runs) -> pd.DataFrame:
 
 
 def _on_frontier(rows: pd.DataFrame) -> np.ndarray:
-    return frontier(rows["plotted"], rows["rate"], X, Y)
+    return frontier(rows["leak_bound"], rows["rate"], X, Y)
 
 
 def _within_noise(rows: pd.DataFrame) -> np.ndarray:
     """bool[n]: no variant that leaks as little, or less, has an interval of its rate wholly above this one's."""
-    leaks, low, high = (rows[name].to_numpy(float) for name in ("plotted", "rate_low", "rate_high"))
+    leaks, low, high = (rows[name].to_numpy(float) for name in ("leak_bound", "rate_low", "rate_high"))
     return ~((leaks[:, None] <= leaks) & (low[:, None] > high)).any(axis=0)
 
 
@@ -63,12 +65,12 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     default = numbers[numbers["default"]]
     near = f"{int(default['within_noise'].sum())} of {len(default)} scenes"
     return (f"Up is faster, right loses fewer rays. Across: −log10 of the share of up to {aimed:,} aimed rays that a "
-            "variant lets through; each is aimed at an edge or a vertex whose triangles face it and leave no gap. "
-            "Hollow marks with an arrow: none was let through, drawn at the upper 95 % bound 3/N. Lines join the "
-            "variants of one tracer that no other of it beats in both; the broad grey line, those that none "
-            "beats at all. Colour is the tracer, the mark its ray/triangle test; beaten points are pale, but for "
-            "the default variant, which is on the deferred tracer's frontier, or within the noise of it, on "
-            f"{near}. Embree runs its own hierarchy and vector code on all cores: the outside reference. "
+            "variant lets through, at the upper end of its 95 % interval; each ray is aimed at an edge or a vertex "
+            "whose triangles face it and leave no gap. Hollow marks with an arrow: none was let through, drawn at "
+            "3/N. Lines join the variants of one tracer that no other of it beats in both; the broad grey line, "
+            "those that none beats at all. Colour is the tracer, the mark its ray/triangle test; beaten points are "
+            "pale, but for the default variant, which is on the deferred tracer's frontier, or within the noise of "
+            f"it, on {near}. Embree runs its own hierarchy and vector code on all cores: the outside reference. "
             f"{rays_note(numbers)}")
 
 
@@ -93,7 +95,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
 
 
 def _panel(axis, scene: pd.DataFrame, numbers: pd.DataFrame, wide: bool) -> None:
-    worst, best = numbers["minus_log10_leak_rate"].min(), numbers["minus_log10_leak_rate"].max()
+    worst, best = numbers["minus_log10_leak_bound"].min(), numbers["minus_log10_leak_bound"].max()
     low, high = scene["total_mrays_per_s_low"].min() / 1.1, scene["total_mrays_per_s_high"].max() * 1.2
     axis.set(yscale="log", xlim=(max(0, worst - 0.3), best + (best - worst) * (0.4 if wide else 0.65)),
              ylim=(low, high), xticks=range(math.ceil(max(0, worst - 0.3)), math.floor(best) + 1))
@@ -108,13 +110,13 @@ def _panel(axis, scene: pd.DataFrame, numbers: pd.DataFrame, wide: bool) -> None
 
 
 def _line(axis, rows: pd.DataFrame, colour: str, width: float) -> None:
-    rows = rows.sort_values("minus_log10_leak_rate")
-    axis.plot(rows["minus_log10_leak_rate"], rows["total_mrays_per_s"], color=colour, linewidth=width, zorder=1.5,
+    rows = rows.sort_values("minus_log10_leak_bound")
+    axis.plot(rows["minus_log10_leak_bound"], rows["total_mrays_per_s"], color=colour, linewidth=width, zorder=1.5,
               solid_capstyle="round")
 
 
 def _point(axis, row) -> None:
-    look, x = marks(row, row.on_own_frontier or row.default), row.minus_log10_leak_rate
+    look, x = marks(row, row.on_own_frontier or row.default), row.minus_log10_leak_bound
     ends = [row.total_mrays_per_s_low, row.total_mrays_per_s_high]
     axis.plot([x, x], ends, color=look["color"], alpha=look["alpha"], linewidth=0.8, zorder=2)
     hollow = row.leaks == 0
@@ -131,13 +133,14 @@ def _names(axis, rows: pd.DataFrame) -> None:
     rows = rows.sort_values("total_mrays_per_s")
     to_axis = axis.transScale + axis.transLimits
     points = [tuple(map(float, to_axis.transform(point))) for point in
-              zip(rows["minus_log10_leak_rate"], rows["total_mrays_per_s"], strict=True)]
-    heights = style.spread([y for _, y in points], 0.06, 0.03, 0.97)
+              zip(rows["minus_log10_leak_bound"], rows["total_mrays_per_s"], strict=True)]
+    heights = style.spread([y for _, y in points], 0.075, 0.03, 0.97)
     for row, (x, y), height in zip(rows.itertuples(), points, heights, strict=True):
         colour = style.of_tracer(row.tracer)[0]
-        text = f"{row.series} (default)" if row.default else row.series
+        text = textwrap.fill(f"{row.series} (default)" if row.default else row.series, 24)
         axis.annotate(text, (x, y), (x + 0.055, height), xycoords="axes fraction", textcoords="axes fraction",
-                      fontsize=6, va="center", color=colour,
+                      fontsize=6, va="center", color=colour, zorder=4,
+                      bbox={"facecolor": style.PAGE, "edgecolor": "none", "alpha": 0.75, "pad": 0.4},
                       arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 3})
 
 
