@@ -148,6 +148,17 @@ class Checker:
             self._reference[~_can_hit(self.rays)] = MISS
         return self._reference
 
+    def reference_t(self) -> np.ndarray:
+        """float64[rays]: t of the reference's hits on their planes, inf = miss; exact where a ray was settled."""
+        t = np.full(len(self.rays), np.inf)
+        hit = np.flatnonzero(self.reference != MISS)
+        for first in range(0, len(hit), _CHUNK):
+            rows = hit[first : first + _CHUNK]
+            t[rows] = self._measure(self.rays[rows], self.reference[rows]).t
+        for row, truth in self._truths.items():
+            t[row] = truth.t
+        return t
+
     @property
     def oracle(self) -> Oracle:
         """The exact oracle, built at the first dispute."""

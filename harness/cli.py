@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from harness import accuracy_command
 from harness.errors import DefrayError
 from harness.stability.command import stability
 
@@ -253,6 +254,7 @@ def report(
 app.command(
     epilog="Examples:  [bold]defray stability[/bold]   [bold]defray stability --intersector all --family W2[/bold]"
 )(stability)
+accuracy_command.register(app)
 
 
 def _records_of(folder: Path) -> Path:

@@ -26,13 +26,13 @@ from harness.spec import RunSpec
 SCHEMA = 1
 
 
-class _Part(BaseModel):
+class Part(BaseModel):
     """A part of a record: undeclared keys and non-finite numbers are errors."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
-class Machine(_Part):
+class Machine(Part):
     """Where a run was measured, as `device.machine_description` has it.
 
     `environment` holds the variables that steer OpenCL runtimes. `device`, `platform` and `driver` are None
@@ -52,7 +52,7 @@ class Machine(_Part):
     environment: dict[str, str] = Field(default_factory=dict)
 
 
-class SceneFacts(_Part):
+class SceneFacts(Part):
     """The scene's name, `real`, `stand-in` or `file`, and the SHA-256 of its triangles."""
 
     name: str
@@ -61,7 +61,7 @@ class SceneFacts(_Part):
     sha256: str
 
 
-class RayFacts(_Part):
+class RayFacts(Part):
     """Kind, number and seed of the rays."""
 
     kind: str
@@ -69,7 +69,7 @@ class RayFacts(_Part):
     seed: int
 
 
-class GridFacts(_Part):
+class GridFacts(Part):
     """Resolution and size of the grid; `bytes` is the whole grid's, `build_seconds` wall clock."""
 
     top: int
@@ -82,7 +82,7 @@ class GridFacts(_Part):
     build_seconds: float
 
 
-class StageSeconds(_Part):
+class StageSeconds(Part):
     """Seconds of each repetition, stage by stage; a stage that the tracer lacks is empty."""
 
     traverse: list[float]
@@ -92,7 +92,7 @@ class StageSeconds(_Part):
     total: list[float]
 
 
-class Rate(_Part):
+class Rate(Part):
     """Rays per second: median and 95 % confidence interval."""
 
     median: float
@@ -100,7 +100,7 @@ class Rate(_Part):
     high: float
 
 
-class Rates(_Part):
+class Rates(Part):
     """Rates of the stages that have one."""
 
     traverse: Rate | None
@@ -108,7 +108,7 @@ class Rates(_Part):
     total: Rate | None
 
 
-class CounterValues(_Part):
+class CounterValues(Part):
     """The counters of `harness.data.Counters`, exact integers."""
 
     steps: int
@@ -120,7 +120,7 @@ class CounterValues(_Part):
     padding: int
 
 
-class RelativeError(_Part):
+class RelativeError(Part):
     """Relative error of t over the rays that hit in both, by percentile; None where no ray did."""
 
     p50: float | None
@@ -128,7 +128,7 @@ class RelativeError(_Part):
     max: float | None
 
 
-class Agreement(_Part):
+class Agreement(Part):
     """Rays by class of agreement with the reference.
 
     The first keys are those every version writes; what the others mean, `harness.check.Agreement` says.
@@ -151,7 +151,7 @@ class Agreement(_Part):
     t_relative_error: RelativeError | None
 
 
-class Record(_Part):
+class Record(Part):
     """One run as stored. A run that is not valid has no rate."""
 
     schema_: int = Field(alias="schema")
@@ -297,19 +297,25 @@ def _to_stderr(message: str) -> None:
 
 
 class RecordFile:
-    """An append-only JSON Lines file of records.
+    """An append-only JSON Lines file of records, or of whatever rows `validate(row, where)` accepts.
 
     `warn` receives one-line messages (default: standard error). Only the process that writes the file may
     call `repair`; readers skip a torn last line and leave the file alone.
     """
 
-    def __init__(self, path: Path | str, warn: Callable[[str], None] = _to_stderr):
+    def __init__(
+        self,
+        path: Path | str,
+        warn: Callable[[str], None] = _to_stderr,
+        validate: Callable[[dict, str], dict] = validated,
+    ):
         self.path = Path(path)
         self.warn = warn
+        self._validate = validate
 
     def append(self, record: dict) -> None:
         """Validate and store one record; when this returns, a kill or power cut no longer loses it."""
-        append_line(self.path, validated(record, f"{self.path}: new record"))
+        append_line(self.path, self._validate(record, f"{self.path}: new record"))
 
     def read(self) -> list[dict]:
         """All records. A torn last line is skipped with a warning; other damage raises DefrayError with
@@ -359,6 +365,6 @@ class RecordFile:
                 raise DefrayError(
                     f"{self.path}, line {number}: not JSON; restore the file from a copy or delete that line"
                 ) from None
-            records.append(validated(value, f"{self.path}, line {number}"))
+            records.append(self._validate(value, f"{self.path}, line {number}"))
             offset += len(line)
         return records, None, data

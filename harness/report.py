@@ -16,10 +16,12 @@ import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from harness.accuracy_rows import accuracy_file, latest_rows, precision_file
 from harness.errors import DefrayError
 from harness.figures import figures, style
 from harness.figures.runs import Runs, as_command, label_of, latest, read_published
 from harness.record import RecordFile
+from harness.stability.report import read_results
 from harness.tables import tables
 
 HIDDEN = ("runs", "name", "fewer_rays")
@@ -62,7 +64,24 @@ def read_runs(folder: Path) -> Runs:
     kept = latest(records)
     devices = Counter(r["machine"].get("device") or "" for r in kept if r["tracer"] != "embree")
     device = devices.most_common(1)[0][0] if devices else kept[0]["machine"].get("device") or ""
-    return Runs(records=kept, folder=folder, device=device, published=read_published())
+    accuracy, precision = (
+        [row for row in latest_rows(file(folder).read()) if (row["machine"].get("device") or "") == device]
+        for file in (accuracy_file, precision_file)
+    )
+    tests, rates = read_stability(folder, device)
+    return Runs(kept, folder, device, read_published(), accuracy, precision, tests, rates)
+
+
+def read_stability(folder: Path, device: str) -> tuple[list[dict], list[dict]]:
+    """Rows and rates of the stress suite, of tests whose hits were right; both empty without a file of this device.
+
+    Raises DefrayError for a file that `defray stability` did not write.
+    """
+    found = read_results(folder)
+    if found is None or (found.machine.get("device") or "") != device:
+        return [], []
+    rates = [rate.model_dump() for rate in found.kernel_rates if rate.tests_per_second is not None]
+    return [row.model_dump() for row in found.rows], rates
 
 
 def make_block(runs: Runs, name: str, module) -> dict:

@@ -88,6 +88,20 @@ def different(first: Sequence[float], second: Sequence[float], alpha: float = 0.
     return different_p_value(first, second) < alpha
 
 
+def rate_bound(events: int, trials: int) -> float:
+    """Upper end of the one-sided 95 % interval of a rate: 3/N for none of N, else Clopper and Pearson 1934.
+
+    Raises DefrayError for no trials, or more events than trials.
+    """
+    if not 0 <= events <= trials or trials < 1:
+        raise DefrayError(f"{events} of {trials} is not a rate")
+    if events == 0:
+        return min(3 / trials, 1.0)
+    from scipy.stats import beta
+
+    return float(beta.ppf(0.95, events + 1, trials - events)) if events < trials else 1.0
+
+
 def rates_of(seconds: Sequence[float], rays: int) -> list[float]:
     """Rays per second of each repetition; `seconds` must be above zero."""
     times = _finite(seconds)

@@ -78,7 +78,7 @@ def run_sweep(request: SweepRequest, console: Console | None = None) -> int:
     """
     console = console or Console(stderr=True)
     specs = expand(request.file, request.tier)
-    with _locked(request.out):
+    with locked(request.out):
         sweep = _open_sweep(request, specs, console)
         try:
             with _terminable():
@@ -115,15 +115,15 @@ def shuffled_groups(specs: Sequence[RunSpec], seed: int) -> list[list[RunSpec]]:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Make `folder` and hold it; raises DefrayError when it cannot be written or another sweep holds it."""
+def locked(folder: Path) -> Iterator[None]:
+    """Make `folder` and hold it; raises DefrayError when it cannot be written or another measurement holds it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / ".lock", timeout=0)
         lock.acquire()
     except Timeout:
         raise DefrayError(
-            f"another sweep is writing to {folder}; wait for it or choose another --out"
+            f"another measurement is writing to {folder}; wait for it or choose another --out"
         ) from None
     except OSError as error:
         raise DefrayError(f"cannot write to {folder}: {error.strerror}") from None

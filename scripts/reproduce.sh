@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Measure a tier, draw its report, say where it is: scripts/reproduce.sh TIER OUT (make reproduce sets up first).
-# The exit code is the sweep's, else the report's: a failed check still gets its report, and still fails.
+# The exit code is the sweep's, else that of what follows: a failed check still gets its report, and still fails.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 tier=$1
@@ -11,9 +11,14 @@ sweep=0
 [ "$sweep" -lt 128 ] || exit "$sweep" # interrupted or killed: nothing to report yet
 [ -s "$out/records.jsonl" ] || exit "$(( sweep ? sweep : 1 ))"
 
+accuracy=0
+.venv/bin/defray accuracy --tier "$tier" --out "$out" --resume || accuracy=$?
+[ "$accuracy" -lt 128 ] || exit "$accuracy"
+
 report=0
 .venv/bin/defray views "$out" >/dev/null || report=$?
 .venv/bin/defray report "$out" || report=$?
 [ -f "$out/report.html" ] && echo "report: $out/report.html"
 [ "$sweep" -eq 0 ] || echo "reproduce: the sweep reported failed checks (exit code $sweep)" >&2
-exit "$(( sweep ? sweep : report ))"
+[ "$accuracy" -eq 0 ] || echo "reproduce: accuracy could not be measured (exit code $accuracy)" >&2
+exit "$(( sweep ? sweep : accuracy ? accuracy : report ))"

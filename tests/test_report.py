@@ -10,6 +10,7 @@ import matplotlib.image
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_accuracy import write_accuracy
 
 from harness import record as record_module
 from harness.data import Samples
@@ -139,6 +140,7 @@ def paper_folder(folder, scenes=tuple(SIZES)):
     error = {"id": "feedfeedfeedfeed", "scene": "crown", "run": "crown 8/128 deferred:ray-space:wave=1",
              "error": "the device ran out of memory"}
     (folder / "errors.jsonl").write_text(json.dumps(error) + "\n", encoding="utf-8")
+    write_accuracy(folder)
     return folder
 
 

@@ -396,7 +396,7 @@ def test_stopping_says_how_to_resume(fakes, request_, number, code):
 def test_a_second_start_at_the_same_time_is_refused(fakes, request_):
     with spawn(request_) as process:
         wait_for_records(request_, 1, process)
-        with pytest.raises(DefrayError, match="another sweep is writing to"):
+        with pytest.raises(DefrayError, match="another measurement is writing to"):
             start(request_, resume=True)
         process.kill()
     assert start(request_, resume=True, seed=None)[0] == 0, "a killed sweep must not keep its lock"

@@ -23,12 +23,20 @@ SAME_WORK = [*WORKLOAD, "grid"]
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """What a report is drawn from: the latest record of each run, and what stands beside them."""
+    """What a report is drawn from: the latest record of each run, and what stands beside them.
+
+    `accuracy`: the latest rows of accuracy.jsonl on the report's device, `precision` those of precision.jsonl.
+    `stability`: the rows of stability.json, and `kernel_rates` its rates of tests. Each is empty without its file.
+    """
 
     records: list[dict]
     folder: Path
     device: str
     published: dict = field(default_factory=dict)
+    accuracy: list[dict] = field(default_factory=list)
+    precision: list[dict] = field(default_factory=list)
+    stability: list[dict] = field(default_factory=list)
+    kernel_rates: list[dict] = field(default_factory=list)
 
     @cached_property
     def all(self) -> pd.DataFrame:
@@ -95,6 +103,11 @@ class Runs:
         """What the paper says of this scene."""
         return next((one for one in self.published["scene"] if plain(one["name"]) == plain(scene)), None)
 
+    def title_of(self, facts: dict) -> str:
+        """Title of the scene that a row's `scene` describes; a stand-in is called a stand-in."""
+        title = self.scene_title(facts["name"])
+        return f"{title} (stand-in)" if facts["source"] == "stand-in" else title
+
     def scene_title(self, scene: str) -> str:
         """Name of a scene for people, without its source."""
         known = self.published_scene(scene)
@@ -108,7 +121,8 @@ class Runs:
     def command_of(self, ids) -> list[str]:
         """The distinct commands that made these runs, in order."""
         wanted = set(ids)
-        commands = [r.get("command") or "" for r in self.records if r.get("id") in wanted]
+        every = [*self.records, *self.accuracy, *self.precision]
+        commands = [r.get("command") or "" for r in every if r.get("id") in wanted]
         return list(dict.fromkeys(as_command(command) for command in commands if command))
 
 

@@ -1,0 +1,269 @@
+"""The accuracy of whole tracers on a scene, against their rate: rows of `accuracy.jsonl`.
+
+Every variant traces the same diffuse rays, which are timed and compared with the reference, and the same rays aimed
+at edges and vertices, of which it must let none through.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from harness import intersectors, stats, tracers
+from harness.accuracy_rows import SCHEMA, identity
+from harness.aimed import AimedRays, aimed_rays, leaked
+from harness.check import Agreement
+from harness.data import MISS, GridSpec, Hits, Rays
+from harness.errors import DefrayError, known
+from harness.exact import measure
+from harness.grid import BINNINGS, build_grid
+from harness.measure import SharedScene
+from harness.plan import check_variant, needs_grid
+from harness.spec import RunSpec, Variant
+from harness.stopwatch import Stopwatch
+from harness.tracers._base import Tracer
+
+PAPER_GRID = GridSpec(8, 128, "total")
+SEED = 1  # of both sets of rays
+AIMED_BLOCK = 1 << 16  # aimed rays traced before the leaks are counted
+ENOUGH_LEAKS = 1000  # a variant that has let so many through is given no more: its rate is known to 6 %
+_CHUNK = 1 << 18  # hits measured at once
+
+Tell = Callable[[str, float], None]  # what is being done, and how much of the scene is
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A variant of a tracer and how the grid it walks was filled (None without a grid)."""
+
+    variant: Variant
+    binning: str | None
+
+    @classmethod
+    def parse(cls, text: str) -> Contender:
+        """Read `deferred:ray-space:contraction=on:binning=open`; raises DefrayError for what is not known."""
+        variant = Variant.parse(text)
+        options = dict(variant.options)
+        binning = options.pop("binning", None)
+        if options.get("contraction") == "off":
+            del options["contraction"]
+        variant = check_variant(variant.model_copy(update={"options": options}))
+        if binning and not needs_grid(variant):
+            raise DefrayError(f"tracer '{variant.tracer}' uses no grid; leave binning={binning} out")
+        if binning and binning not in BINNINGS:
+            raise known("binning", binning, BINNINGS)
+        return cls(variant, (binning or BINNINGS[0]) if needs_grid(variant) else None)
+
+    def __str__(self) -> str:
+        named = {"binning": self.binning} if self.binning not in (None, BINNINGS[0]) else {}
+        return str(self.variant.model_copy(update={"options": self.variant.options | named}))
+
+    @property
+    def contraction(self) -> str | None:
+        """`off` or `on`; None for a tracer that the compiler's choice does not reach."""
+        device = tracers.find(self.variant.tracer).needs_device
+        return self.variant.options.get("contraction", "off") if device else None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is measured on each scene: how many diffuse and aimed rays, how often, on which grid."""
+
+    rays: int = 100_000
+    aimed: int = 1_000_000
+    repetitions: int = 5
+    grid: GridSpec = PAPER_GRID
+
+    def id_of(self, scene: str, contender: Contender | str) -> str:
+        """The id of the row that measures `contender` on the scene or mesh file `scene` by this plan."""
+        return identity(scene=scene, variant=str(contender), plan=dataclasses.asdict(self), seed=SEED)
+
+
+def default_contenders(device) -> list[Contender]:
+    """Every intersector in the deferred tracer, contraction off and on; the default one with every other binning,
+    forward, and forward rejecting hits beyond the cell; Embree robust and fast."""
+    usable = [i.name for i in intersectors.INTERSECTORS.values() if device.has_double or not i.needs_double]
+    texts = [f"deferred:{name}{contraction}" for name in usable for contraction in ("", ":contraction=on")]
+    texts += [f"deferred:binning={binning}" for binning in BINNINGS[1:]]
+    texts += ["forward", "forward:exit=reject", "embree", "embree:robust=false"]
+    return [Contender.parse(text) for text in texts]
+
+
+@dataclass(eq=False)
+class _Entry:
+    """One contender and what it has yielded so far."""
+
+    contender: Contender
+    tracer: Tracer
+    seconds: list[float] = field(default_factory=list)
+    hits: Hits | None = None
+    aimed: dict = field(default_factory=dict)
+    agreement: Agreement | None = None
+
+
+class AccuracyGroup:
+    """A scene with its rays, its grids and the contenders that trace it."""
+
+    def __init__(self, shared: SharedScene, contenders: Sequence[Contender], plan: Plan, device, tell: Tell):
+        self.shared, self.plan, self.device, self.tell = shared, plan, device, tell
+        tell("diffuse rays", 0.0)
+        spec = RunSpec(scene=shared.scene.name, variant=contenders[0].variant, rays=plan.rays, seed=SEED)
+        self.rays = shared.rays(spec)
+        self.checker = shared.checker(spec, self.rays)
+        tell("aimed rays", 0.02)
+        self.aimed = aimed_rays(shared.scene, plan.aimed, SEED, shared.embree)
+        tell("grids", 0.1)
+        self._settings = {None: shared.setting}
+        for binning in {contender.binning: None for contender in contenders if contender.binning}:
+            grid = build_grid(shared.setting.device_scene, plan.grid, binning=binning)
+            self._settings[binning] = dataclasses.replace(shared.setting, grid=grid)
+        self.entries = [_Entry(contender, self._open(contender)) for contender in contenders]
+
+    def _open(self, contender: Contender) -> Tracer:
+        kind = tracers.find(contender.variant.tracer)
+        test = intersectors.find(contender.variant.intersector) if kind.needs_intersector else None
+        return kind(self._settings[contender.binning], test, contender.variant.options)
+
+    def trace(self, entry: _Entry, rays: Rays) -> tuple[Hits, float]:
+        """Hits and seconds of one repetition."""
+        watch = Stopwatch(self.device.queue if entry.tracer.needs_device else None)
+        hits = entry.tracer.trace(rays, watch)
+        return hits, watch.seconds["total"]
+
+    def warm_up(self) -> None:
+        """Compile and run every kernel."""
+        for place, entry in enumerate(self.entries):
+            self.tell(f"{entry.contender}, warm-up", 0.15 + 0.2 * place / len(self.entries))
+            self.trace(entry, self.rays)
+
+    def time(self) -> None:
+        """Trace the diffuse rays, repetition after repetition, the contenders of each in random order."""
+        generator, turns = random.Random(SEED), self.plan.repetitions
+        for turn in range(turns):
+            order = list(self.entries)
+            generator.shuffle(order)
+            for place, entry in enumerate(order):
+                done = 0.35 + 0.35 * (turn + place / len(order)) / turns
+                self.tell(f"{entry.contender}, repetition {turn + 1} of {turns}", done)
+                entry.hits, seconds = self.trace(entry, self.rays)
+                entry.seconds.append(seconds)
+
+    def aim(self) -> None:
+        """Trace the aimed rays and count those that were let through."""
+        for place, entry in enumerate(self.entries):
+            self.tell(f"{entry.contender}, aimed rays", 0.7 + 0.2 * place / len(self.entries))
+            entry.aimed = self.leaks_of(entry, self.aimed)
+
+    def leaks_of(self, entry: _Entry, aimed: AimedRays) -> dict:
+        """The `aimed` part of a row."""
+        let_through = np.zeros(0, bool)
+        while len(let_through) < len(aimed) and let_through.sum() < ENOUGH_LEAKS:
+            block = aimed[len(let_through) : len(let_through) + AIMED_BLOCK]
+            hits, _ = self.trace(entry, block.rays)
+            let_through = np.append(let_through, leaked(hits))
+        at_vertex = aimed.at_vertex[: len(let_through)]
+        return {
+            "rays": len(let_through),
+            "leaks": int(let_through.sum()),
+            "at_vertices": int(at_vertex.sum()),
+            "vertex_leaks": int((let_through & at_vertex).sum()),
+            "seed": SEED,
+        }
+
+    def check(self) -> None:
+        """Compare the diffuse hits of every contender with the reference."""
+        for place, entry in enumerate(self.entries):
+            self.tell(f"{entry.contender}, check", 0.9 + 0.1 * place / len(self.entries))
+            entry.agreement = self.checker.check(entry.hits)
+
+    def rows(self) -> Iterator[dict]:
+        """The row of each contender, without id, command, time and machine."""
+        scene = self.shared.scene
+        reference, diagonal = self.checker.reference_t(), diagonal_of(scene.triangles)
+        for entry in self.entries:
+            contender, variant, count = entry.contender, entry.contender.variant, len(self.rays)
+            yield {
+                "schema": SCHEMA,
+                "scene": {
+                    "name": scene.name,
+                    "source": scene.source,
+                    "triangles": len(scene),
+                    "sha256": scene.sha256,
+                },
+                "variant": str(contender),
+                "tracer": variant.tracer,
+                "intersector": variant.intersector,
+                "contraction": contender.contraction,
+                "options": variant.options,
+                "grid": dataclasses.asdict(self.plan.grid) if contender.binning else None,
+                "binning": contender.binning,
+                "rays": {"kind": self.rays.kind, "count": count, "seed": SEED},
+                "repetitions": self.plan.repetitions,
+                "seconds": entry.seconds,
+                "rate": stats.interval(stats.rates_of(entry.seconds, count)).as_dict(),
+                "aimed": entry.aimed,
+                "t_error": entry.agreement.t_relative_error,
+                "residual_p99_ulp": residual_p99(scene.triangles, self.rays, entry.hits),
+                "distance_rmse": distance_rmse(self.rays, entry.hits.t, reference, diagonal),
+                "agreement": entry.agreement.to_record(),
+                "valid": entry.agreement.valid,
+            }
+
+
+def measure_accuracy(
+    shared: SharedScene, contenders: Sequence[Contender], plan: Plan, device, tell: Tell = lambda *_: None
+) -> Iterator[dict]:
+    """Rate and errors of every contender on one scene, one row each, still without id, command, time and machine.
+
+    Raises DefrayError for a contender that the device cannot run, a grid that does not fit, or a scene without
+    anything to aim at.
+    """
+    group = AccuracyGroup(shared, contenders, plan, device, tell)
+    group.warm_up()
+    group.time()
+    group.aim()
+    group.check()
+    yield from group.rows()
+
+
+# ---------------------------------------------------------------- errors of t
+
+
+def diagonal_of(triangles: np.ndarray) -> float:
+    """Length of the diagonal of the bounds of float32[n,3,3]."""
+    corners = triangles.reshape(-1, 3)
+    return float(np.linalg.norm(corners.max(axis=0).astype(np.float64) - corners.min(axis=0)))
+
+
+def distance_rmse(rays: Rays, t: np.ndarray, reference: np.ndarray, diagonal: float) -> float:
+    """Root mean square error of the hit distance, over the diagonal.
+
+    `t` float32[n] and `reference` float64[n], inf = miss. Distances end at the diagonal: there lies a miss, and
+    whatever is no distance at all.
+    """
+    speed = np.linalg.norm(rays.directions.astype(np.float64), axis=1)
+
+    def distance(values: np.ndarray) -> np.ndarray:
+        with np.errstate(invalid="ignore"):
+            lengths = values.astype(np.float64) * speed
+            return np.where((lengths >= 0) & (lengths < diagonal), lengths, diagonal)
+
+    return float(np.sqrt(np.mean((distance(t) - distance(reference)) ** 2)) / diagonal)
+
+
+def residual_p99(triangles: np.ndarray, rays: Rays, hits: Hits) -> float | None:
+    """99th percentile of the hits' distance from the planes of their triangles, in local ulp; None without a hit."""
+    claims = np.flatnonzero((hits.primitive != MISS) & np.isfinite(hits.t))
+    found = [np.empty(0)]
+    for first in range(0, len(claims), _CHUNK):
+        rows = claims[first : first + _CHUNK]
+        part = rays[rows]
+        ours = measure(triangles[hits.primitive[rows]], part.origins, part.directions, part.t_max)
+        found.append(ours.residual(hits.t[rows].astype(np.float64)))
+    values = np.concatenate(found)
+    values = values[np.isfinite(values)]
+    return float(np.percentile(values, 99)) if len(values) else None

@@ -1,0 +1,153 @@
+"""Speed against accuracy: end-to-end rate over leaks of aimed rays, drawn as ann-benchmarks draws its trade-offs."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+
+import numpy as np
+import pandas as pd
+from matplotlib.lines import Line2D
+
+from harness.figures import style
+from harness.figures.contenders import accuracy_table, family_of, marks
+from harness.figures.metrics import METRICS, frontier
+from harness.figures.runs import Runs, rays_note
+from harness.plan import check_variant
+from harness.spec import Variant
+
+ORDER = 90
+SECTION = "Speed against accuracy"
+TITLE = "Whole trace against leaks of rays aimed at edges and vertices"
+NEEDS = "rows of 'defray accuracy'"
+X, Y = "leak_rate", "rate"
+
+
+def select(runs: Runs) -> pd.DataFrame:
+    """One row a variant and scene, with the frontier over all variants of the scene and over those of its tracer."""
+    table = accuracy_table(runs)
+    if table.empty:
+        return table
+    parts = []
+    for _, scene in table.groupby("scene", sort=False):
+        scene = scene.assign(on_frontier=_on_frontier(scene))
+        own = [rows.assign(on_own_frontier=_on_frontier(rows), within_noise=_within_noise(rows))
+               for _, rows in scene.groupby("tracer", sort=False)]
+        parts += own
+    table = pd.concat(parts, ignore_index=True)
+    return pd.DataFrame({
+        "scene": table["scene"], "series": table["name"], "tracer": table["tracer"],
+        "intersector": table["intersector"], "variant": table["variant"], "rays": table["rays"],
+        "aimed_rays": table["aimed"], "leaks": table["leaks"], "leak_rate": table["leak_rate"],
+        "leak_bound": table["leak_bound"],
+        "minus_log10_leak_bound": -np.log10(table["leak_bound"]),
+        "total_mrays_per_s": table["rate"], "total_mrays_per_s_low": table["rate_low"],
+        "total_mrays_per_s_high": table["rate_high"], "t_error_p99": table["t_error_p99"],
+        "default": table["variant"] == str(check_variant(Variant(tracer="deferred"))),
+        "on_frontier": table["on_frontier"], "on_own_frontier": table["on_own_frontier"],
+        "within_noise": table["within_noise"], "runs": table["run"],
+    })
+
+
+def _on_frontier(rows: pd.DataFrame) -> np.ndarray:
+    return frontier(rows["leak_bound"], rows["rate"], X, Y)
+
+
+def _within_noise(rows: pd.DataFrame) -> np.ndarray:
+    """bool[n]: no variant that leaks as little, or less, has an interval of its rate wholly above this one's."""
+    leaks, low, high = (rows[name].to_numpy(float) for name in ("leak_bound", "rate_low", "rate_high"))
+    return ~((leaks[:, None] <= leaks) & (low[:, None] > high)).any(axis=0)
+
+
+def caption(runs: Runs, numbers: pd.DataFrame) -> str:
+    """How to read it."""
+    aimed = int(numbers["aimed_rays"].max())
+    default = numbers[numbers["default"]]
+    near = f"{int(default['within_noise'].sum())} of {len(default)} scenes"
+    return (f"Up is faster, right loses fewer rays. Across: −log10 of the share of up to {aimed:,} aimed rays that a "
+            "variant lets through, at the upper end of its 95 % interval; each ray is aimed at an edge or a vertex "
+            "whose triangles face it and leave no gap. Hollow marks with an arrow: none was let through, drawn at "
+            "3/N. Lines join the variants of one tracer that no other of it beats in both; the broad grey line, "
+            "those that none beats at all. Colour is the tracer, the mark its ray/triangle test; beaten points are "
+            "pale, but for the default variant, which is on the deferred tracer's frontier, or within the noise of "
+            f"it, on {near}. Embree runs its own hierarchy and vector code on all cores: the outside reference. "
+            f"{rays_note(numbers)}")
+
+
+def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
+    """One panel a scene."""
+    scenes = list(dict.fromkeys(numbers["scene"]))
+    columns = 1 if narrow or len(scenes) == 1 else 2
+    lines = -(-len(scenes) // columns)
+    figure = style.canvas(1.2 + 2.75 * lines, narrow)
+    axes = figure.subplots(lines, columns, squeeze=False, sharex=True).ravel()
+    for axis, name in zip(axes, scenes):
+        _panel(axis, numbers[numbers["scene"] == name], numbers, columns == 1 and not narrow)
+        axis.set_title(name, loc="left")
+        axis.set_ylabel(METRICS[Y].label if narrow or columns == 1 else "million rays per second")
+    for axis in axes[len(scenes):]:
+        axis.remove()
+    for axis in axes[max(0, len(scenes) - columns) : len(scenes)]:
+        axis.set_xlabel("−log10 of the leak rate (share of aimed rays)")
+        axis.tick_params(labelbottom=True)
+    figure.legend(handles=legend_of(numbers), loc="outside lower center", ncols=2 if narrow else 4)
+    return figure
+
+
+def _panel(axis, scene: pd.DataFrame, numbers: pd.DataFrame, wide: bool) -> None:
+    worst, best = numbers["minus_log10_leak_bound"].min(), numbers["minus_log10_leak_bound"].max()
+    low, high = scene["total_mrays_per_s_low"].min() / 1.1, scene["total_mrays_per_s_high"].max() * 1.2
+    axis.set(yscale="log", xlim=(max(0, worst - 0.3), best + (best - worst) * (0.4 if wide else 0.65)),
+             ylim=(low, high), xticks=range(math.ceil(max(0, worst - 0.3)), math.floor(best) + 1))
+    style.log_axis(axis.yaxis, low, high)
+    axis.grid()
+    _line(axis, scene[scene["on_frontier"]], style.RULE, 4.5)
+    for tracer, rows in scene.groupby("tracer", sort=False):
+        _line(axis, rows[rows["on_own_frontier"]], style.of_tracer(tracer)[0], 1.0)
+    for row in scene.sort_values(["on_own_frontier", "default"]).itertuples():
+        _point(axis, row)
+    _names(axis, scene[scene["on_own_frontier"] | scene["default"]])
+
+
+def _line(axis, rows: pd.DataFrame, colour: str, width: float) -> None:
+    rows = rows.sort_values("minus_log10_leak_bound")
+    axis.plot(rows["minus_log10_leak_bound"], rows["total_mrays_per_s"], color=colour, linewidth=width, zorder=1.5,
+              solid_capstyle="round")
+
+
+def _point(axis, row) -> None:
+    look, x = marks(row, row.on_own_frontier or row.default), row.minus_log10_leak_bound
+    ends = [row.total_mrays_per_s_low, row.total_mrays_per_s_high]
+    axis.plot([x, x], ends, color=look["color"], alpha=look["alpha"], linewidth=0.8, zorder=2)
+    hollow = row.leaks == 0
+    if hollow:
+        axis.annotate("", (x, row.total_mrays_per_s), (11, 0), textcoords="offset points",
+                      arrowprops={"arrowstyle": "<-", "color": look["color"], "alpha": look["alpha"],
+                                  "linewidth": 0.8, "shrinkA": 0, "shrinkB": 2})
+    axis.plot([x], [row.total_mrays_per_s], linestyle="none", markersize=5, zorder=3, **look,
+              markerfacecolor=style.PAGE if hollow else look["color"])
+
+
+def _names(axis, rows: pd.DataFrame) -> None:
+    """Names of the frontier's points to their right, moved apart where they would meet."""
+    rows = rows.sort_values("total_mrays_per_s")
+    to_axis = axis.transScale + axis.transLimits
+    points = [tuple(map(float, to_axis.transform(point))) for point in
+              zip(rows["minus_log10_leak_bound"], rows["total_mrays_per_s"], strict=True)]
+    heights = style.spread([y for _, y in points], 0.075, 0.03, 0.97)
+    for row, (x, y), height in zip(rows.itertuples(), points, heights, strict=True):
+        colour = style.of_tracer(row.tracer)[0]
+        text = textwrap.fill(f"{row.series} (default)" if row.default else row.series, 24)
+        axis.annotate(text, (x, y), (x + 0.055, height), xycoords="axes fraction", textcoords="axes fraction",
+                      fontsize=6, va="center", color=colour, zorder=4,
+                      bbox={"facecolor": style.PAGE, "edgecolor": "none", "alpha": 0.75, "pad": 0.4},
+                      arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 3})
+
+
+def legend_of(numbers: pd.DataFrame) -> list[Line2D]:
+    """A patch of colour for each tracer and a mark for each family of intersectors."""
+    colours = [Line2D([], [], color=style.of_tracer(name)[0], linewidth=3, label=name)
+               for name in dict.fromkeys(numbers["tracer"])]
+    families = dict.fromkeys(family_of(name) for name in numbers["intersector"])
+    return colours + [Line2D([], [], color=style.MUTED, marker=marker, linestyle="none", label=title)
+                      for marker, title in families]
