@@ -3,8 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from harness.data import Rays
+from harness.intersectors import INTERSECTORS
+
+# Tested in every combination; the other intersectors in few, and in all by the slow tests: the default, a plain one,
+# one that stores planes, and one in double precision.
+REPRESENTATIVE = ("ray-space", "moller-trumbore", "havel-herout", "moller-trumbore-double")
+
+
+def every_intersector():
+    """Names of all intersectors as test parameters; those beside REPRESENTATIVE are slow."""
+    slow = pytest.mark.slow
+    return [name if name in REPRESENTATIVE else pytest.param(name, marks=slow) for name in INTERSECTORS]
 
 
 def soup(count: int = 400, seed: int = 5, size: float = 0.3) -> np.ndarray:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from shapes import aimed_rays, icosphere
+from shapes import every_intersector as representative_or_slow
 
 from harness.data import Rays, Scene
 from harness.errors import DefrayError
@@ -42,13 +43,18 @@ def shoot(device, triangles, origins, directions, name, lanes=8, t_max=np.inf):
     return tracer.trace(rays, Stopwatch(device.queue))
 
 
-@every_intersector
+@pytest.mark.parametrize("name", representative_or_slow())
 @every_lane
-def test_t_u_v_of_a_plain_hit(device, name, lanes):
+def test_t_u_v_of_a_plain_hit_in_every_width(device, name, lanes):
     hits = shoot(device, TRIANGLE, [[1, 2, 3], [1, 2, -3]], [[0, 0, -2], [0, 0, 2]], name, lanes)
     assert hits.primitive.tolist() == [0, 0]
     assert hits.t == pytest.approx(1.5)
     assert hits.u == pytest.approx(0.25) and hits.v == pytest.approx(0.5)
+
+
+@every_intersector
+def test_t_u_v_of_a_plain_hit(device, name):
+    test_t_u_v_of_a_plain_hit_in_every_width(device, name, 8)
 
 
 @every_intersector

@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 import pytest
-from shapes import icosphere, random_rays, soup
+from shapes import every_intersector, icosphere, random_rays, soup
 
 import harness
 from harness import measure
@@ -143,7 +143,7 @@ print(hashlib.sha256(hits.tobytes()).hexdigest())
 """
 
 
-@pytest.mark.parametrize("intersector", INTERSECTORS)
+@pytest.mark.parametrize("intersector", every_intersector())
 def test_threads_waves_and_batches_change_no_byte(intersector):
     """Separate processes, because a runtime reads its number of threads once."""
     seen = set()

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from shapes import aimed_rays, icosphere, lattice_walls, random_rays, soup
+from shapes import REPRESENTATIVE, aimed_rays, every_intersector, icosphere, lattice_walls, random_rays, soup
 
 from harness import tracers
 from harness.data import GridSpec, Rays, Scene, differing
@@ -41,7 +41,7 @@ def hits_of(setting, rays, tracer, intersector="ray-space", **options):
     return made.trace(rays, Stopwatch(setting.device.queue))
 
 
-@pytest.mark.parametrize("intersector", INTERSECTORS)
+@pytest.mark.parametrize("intersector", every_intersector())
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("spec", [GridSpec(4, 32), GridSpec(2, 6), GridSpec(3, 5, "per-cell")], ids=str)
 def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, intersector, spec):
@@ -55,7 +55,7 @@ def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, intersect
         assert hits.tobytes() == expected.tobytes()
 
 
-@pytest.mark.parametrize("intersector", INTERSECTORS)
+@pytest.mark.parametrize("intersector", every_intersector())
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("tracer", [*GRID_TRACERS, "brute"])
 def test_lanes_change_no_bit(device, tracer, lanes, intersector):
@@ -183,7 +183,7 @@ def test_a_distance_that_overflows_is_a_miss_for_every_tracer(device):
     triangles = np.concatenate([soup(50), tiny + np.float32(0)])
     setting = setting_of(device, triangles)
     rays = random_rays(2000)
-    for name in INTERSECTORS:
+    for name in REPRESENTATIVE:
         expected = hits_of(setting, rays, "brute", name)
         assert np.isfinite(expected.t[expected.primitive >= 0]).all()
         for tracer in GRID_TRACERS:

@@ -59,10 +59,36 @@ inline Across across(const Frame *f, real px, real py, real pz)
     return a;
 }
 
-inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u, real *v)
+// Only a hit computes t: on the triangle's plane, by a normal without cancellation, and within the rounding error of the
+// mean of the vertices' depths, which keeps the hit of a coplanar ray on its triangle. A NaN stays one. Not inlined: its
+// registers would be taken from the loop over triangles, a third of whose speed that costs.
+cold_path mask finish_hit(const Frame *f, const Triangle *s, const Across *corners, const real *edge, real *t, real *u,
+                          real *v)
 {
     const real px = s->x0 - f->ox, py = s->y0 - f->oy, pz = s->z0 - f->oz;
-    const Across a = across(f, px, py, pz);
+    const real ax = s->x1 - s->x0, ay = s->y1 - s->y0, az = s->z1 - s->z0;
+    const real bx = s->x2 - s->x0, by = s->y2 - s->y0, bz = s->z2 - s->z0;
+    const real nx = difference_of_products(ay, bz, az, by);
+    const real ny = difference_of_products(az, bx, ax, bz);
+    const real nz = difference_of_products(ax, by, ay, bx);
+    const real depth = fma(nx, px, fma(ny, py, nz * pz));
+    const real slope = fma(nx, f->dx, fma(ny, f->dy, nz * f->dz));
+    const real z0 = corners[0].along * f->sz, z1 = corners[1].along * f->sz, z2 = corners[2].along * f->sz;
+    const real sum = edge[0] + edge[1] + edge[2];
+    const real inverse = 1.0f / sum;
+    const real between = fma(edge[0], z0, fma(edge[1], z1, edge[2] * z2)) * inverse;
+    const real reach = DEPTH_ERROR * max(fabs(z0), max(fabs(z1), fabs(z2)));
+    const real plane = depth / slope;
+    const real above = pick(plane, between - reach, plane < between - reach);
+    *t = pick(above, between + reach, above > between + reach);
+    *u = edge[1] * inverse;
+    *v = edge[2] * inverse;
+    return (sum > 0.0f) | (sum < 0.0f);
+}
+
+inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u, real *v)
+{
+    const Across a = across(f, s->x0 - f->ox, s->y0 - f->oy, s->z0 - f->oz);
     const Across b = across(f, s->x1 - f->ox, s->y1 - f->oy, s->z1 - f->oz);
     const Across c = across(f, s->x2 - f->ox, s->y2 - f->oy, s->z2 - f->oz);
 
@@ -74,24 +100,7 @@ inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u
     if (!mask_any(inside))
         return inside;
 
-    // Only a hit computes t: on the triangle's plane, by a normal without cancellation, and within the rounding error of
-    // the mean of the vertices' depths, which keeps the hit of a coplanar ray on its triangle. A NaN stays one.
-    const real ax = s->x1 - s->x0, ay = s->y1 - s->y0, az = s->z1 - s->z0;
-    const real bx = s->x2 - s->x0, by = s->y2 - s->y0, bz = s->z2 - s->z0;
-    const real nx = difference_of_products(ay, bz, az, by);
-    const real ny = difference_of_products(az, bx, ax, bz);
-    const real nz = difference_of_products(ax, by, ay, bx);
-    const real depth = fma(nx, px, fma(ny, py, nz * pz));
-    const real slope = fma(nx, f->dx, fma(ny, f->dy, nz * f->dz));
-    const real z0 = a.along * f->sz, z1 = b.along * f->sz, z2 = c.along * f->sz;
-    const real sum = e0 + e1 + e2;
-    const real inverse = 1.0f / sum;
-    const real between = fma(e0, z0, fma(e1, z1, e2 * z2)) * inverse;
-    const real reach = DEPTH_ERROR * max(fabs(z0), max(fabs(z1), fabs(z2)));
-    const real plane = depth / slope;
-    const real above = pick(plane, between - reach, plane < between - reach);
-    *t = pick(above, between + reach, above > between + reach);
-    *u = e1 * inverse;
-    *v = e2 * inverse;
-    return inside & ((sum > 0.0f) | (sum < 0.0f));
+    const Across corners[3] = {a, b, c};
+    const real edge[3] = {e0, e1, e2};
+    return inside & finish_hit(f, s, corners, edge, t, u, v);
 }
