@@ -114,6 +114,7 @@ class AccuracyGroup:
         spec = RunSpec(scene=shared.scene.name, variant=contenders[0].variant, rays=plan.rays, seed=SEED)
         self.rays = shared.rays(spec)
         self.checker = shared.checker(spec, self.rays)
+        self.checker.reference  # noqa: B018  traced now, so that its hierarchy is freed before others are built
         tell("aimed rays", 0.02)
         self.aimed = aimed_rays(shared.scene, plan.aimed, SEED, shared.embree)
         tell("grids", 0.1)

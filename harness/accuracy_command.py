@@ -195,8 +195,9 @@ def run_accuracy(request: AccuracyRequest) -> list[dict]:
     parts = [replace(part, contenders=part.contenders or default_contenders(device)) for part in request.parts]
     with locked(request.out):
         file = accuracy_file(request.out)
-        stored = {row["id"]: row for row in file.repair()}
-        if stored and not request.resume:
+        rows = file.repair()
+        stored = {row["id"]: row for row in rows if row["machine"]["device"] == device.name}
+        if rows and not request.resume:
             raise DefrayError(f"{file.path} already has rows; pass --resume to go on, or choose another --out")
         missing = [_missing(part, stored) for part in parts]
         with scene_progress(console, sum(bool(part.contenders) for part in missing)) as progress:
@@ -237,7 +238,7 @@ def _run_precision(request: AccuracyRequest, parts: list[Part], device, progress
     from harness.precision import measure_precision
 
     file = precision_file(request.out)
-    stored = {row["id"] for row in file.repair()}
+    stored = {row["id"] for row in file.repair() if row["machine"]["device"] == device.name}
     for part in parts:
         rays, repetitions = part.plan.rays, part.plan.repetitions
         facts = {"scene": part.scene, "rays": rays, "repetitions": repetitions}

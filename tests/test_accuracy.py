@@ -165,9 +165,13 @@ def test_a_second_run_needs_resume_and_measures_nothing_again(tmp_path, device, 
     with pytest.raises(DefrayError, match="--resume"):
         run_accuracy(request)
     request.resume = True
-    monkeypatch.setattr(accuracy.AccuracyGroup, "trace", None)
-    assert run_accuracy(request) == first
-    assert len(accuracy_file(tmp_path).read()) == 1
+    with monkeypatch.context() as patch:
+        patch.setattr(accuracy.AccuracyGroup, "trace", None)
+        assert run_accuracy(request) == first
+    file = accuracy_file(tmp_path).path
+    file.write_text(file.read_text().replace(f'"device": "{device.name}"', '"device": "another"'))
+    run_accuracy(request)  # rows of another device do not stand for this one's
+    assert [row["machine"]["device"] for row in accuracy_file(tmp_path).read()] == ["another", device.name]
 
 
 def test_default_variants_pair_contractions_and_hold_both_references(device):

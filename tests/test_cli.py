@@ -177,7 +177,7 @@ def test_doctor_passes_its_exit_code_on(defray, monkeypatch):
         ("trace sponza --kind file", "need a ray file"),
         ("trace sponza --ray-file nowhere.npz", "ray file 'nowhere.npz' does not exist"),
         ("trace sponza --tracer deferd", "unknown tracer 'deferd'; known: brute, deferred"),
-        ("trace sponza --intersector ray", "unknown intersector 'ray'; known: baldwin-weber, "),
+        ("trace sponza --intersector ray", "unknown intersector 'ray'; known: baldwin-weber"),
         ("trace sponza --option wave", "--option 'wave' is not of the form key=value"),
         ("trace sponza --option wav=8", "unknown option of tracer deferred 'wav'; known: arrange"),
         ("trace sponza --tracer embree --intersector ray-space", "has its own intersector"),

@@ -37,7 +37,7 @@ def intersector_name(intersector: str | None) -> str:
         return ""
     title = family_of(intersector)[1]
     prefix = next((p for p in FAMILIES if p and FAMILIES[p][1] == title), intersector)
-    rest = intersector.removeprefix(prefix).strip("-").replace("-", " ")
+    rest = intersector.removeprefix(prefix).strip("-").replace("-", " ").replace("kahan", "Kahan")
     return title if title == "Woop unit triangle" else ", ".join(part for part in (title, rest) if part)
 
 

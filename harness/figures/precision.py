@@ -29,6 +29,7 @@ def select(runs: Runs) -> pd.DataFrame:
     table = pd.DataFrame(rows)
     if table.empty:
         return table
+    table = table.drop_duplicates(["scene", "knob", "value"], keep="last")
     table["number"] = table["value"].str.extract(r"(\d+)$")[0].astype(float).fillna(0)
     by = ["place", "scene", "knob", "number", "value"]
     return table.sort_values(by, kind="stable").drop(columns=["place", "number"]).reset_index(drop=True)

@@ -140,7 +140,6 @@ def _names(axis, rows: pd.DataFrame) -> None:
         text = textwrap.fill(f"{row.series} (default)" if row.default else row.series, 24)
         axis.annotate(text, (x, y), (x + 0.055, height), xycoords="axes fraction", textcoords="axes fraction",
                       fontsize=6, va="center", color=colour, zorder=4,
-                      bbox={"facecolor": style.PAGE, "edgecolor": "none", "alpha": 0.75, "pad": 0.4},
                       arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 3})
 
 
