@@ -194,6 +194,7 @@ def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
             "source": scene.source,
             "triangles": len(scene),
             "sha256": scene.sha256,
+            "views": scene.views_from,
         },
         "view": None if rays.kind in ("random", "file") else spec.view or scene.views[0].name,
         "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import os
 import sys
 import zipfile
@@ -18,12 +17,13 @@ import scenes
 from harness.cache import cache_folder
 from harness.data import Scene, View
 from harness.errors import DefrayError, known
+from harness.meshes import MESH_SUFFIXES, corners, read_mesh, read_npz
+from harness.sidecar import Sidecar, read_sidecar, sidecar_path
+from harness.viewpoints import find_views
 from scenes import Recipe, recipes
 
 SEED = 1  # of every stand-in
 LARGEST, SMALLEST = 1e12, 1e-12  # coordinates and extent: cubes of lengths must neither overflow nor vanish
-OBJ_GROUPING = (["usemtl"], ["mtllib"], ["o"], ["g"])
-MESH_SUFFIXES = {".npz", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off", ".3mf", ".dae", ".xyz"}
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def _real(recipe: Recipe, files: list[Path]) -> Scene:
             found = hashlib.file_digest(data, "sha256").hexdigest()
         if found != expected:
             raise DefrayError(f"{file} is not the expected file: SHA-256 {found}, expected {expected}")
-    triangles = np.concatenate([_read_npz(file) for file in files])
+    triangles = np.concatenate([corners(file, *read_npz(file)) for file in files])
     return _scene(recipe.name, triangles, recipe.real_views, "real", recipe.licence)
 
 
@@ -160,70 +160,18 @@ def _keep(file: Path, triangles: np.ndarray) -> None:
 
 
 def _from_file(path: Path) -> Scene:
-    if not path.is_file():
-        raise DefrayError(f"scene file {path} " + ("is a folder" if path.is_dir() else "does not exist"))
-    triangles = _read_npz(path) if path.suffix.lower() == ".npz" else _read_mesh(path)
-    return _scene(path.stem, triangles, automatic_views(triangles), "file", "unknown")
-
-
-def _read_npz(path: Path) -> np.ndarray:
-    try:
-        with path.open("rb") as data:
-            arrays = np.lib.npyio.NpzFile(data)
-            vertices, faces = arrays["vertices"], arrays["faces"]
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise DefrayError(f"{path} cannot be read as npz with vertices and faces: {error}") from error
-    except Exception as error:  # a damaged zip raises errors of its own
-        raise DefrayError(f"{path} is damaged: {error}") from error
-    return _corners(path, vertices, faces)
-
-
-def _read_mesh(path: Path) -> np.ndarray:
-    """Through trimesh: scene graphs flattened with their transforms, nothing merged or removed.
-
-    The numbering is the file's, mesh after mesh in trimesh's order of the graph; in PLY files that mix triangles
-    and quads, triangles come first.
-    """
-    import trimesh
-
-    try:
-        if path.suffix.lower() == ".obj":
-            # Materials and groups would reorder the faces; comments are often not UTF-8.
-            lines = path.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True)
-            text = "".join(line for line in lines if line.split(None, 1)[:1] not in OBJ_GROUPING)
-            loaded = trimesh.load(io.StringIO(text), file_type="obj", process=False, maintain_order=True)
-        else:
-            loaded = trimesh.load(path, process=False)
-        meshes = loaded.dump() if isinstance(loaded, trimesh.Scene) else [loaded]
-        parts = [(m.vertices, m.faces) for m in meshes if isinstance(m, trimesh.Trimesh)]
-    except Exception as error:  # trimesh's readers raise whatever their parsers do
-        reason = "" if isinstance(error, ImportError) else " ".join(str(error).split())[:200]
-        reason = reason or f"damaged, or no {path.suffix[1:].upper()} at all"
-        raise DefrayError(f"{path} cannot be read as a mesh: {reason}") from error
-    if not parts:
-        raise DefrayError(f"{path} holds no triangle")
-    return np.concatenate([_corners(path, vertices, faces) for vertices, faces in parts])
-
-
-def _corners(path: Path, vertices, faces) -> np.ndarray:
-    """float32[n,3,3] from float[v,3] and int[n,3]; raises DefrayError naming what is wrong."""
-    vertices, faces = np.asarray(vertices), np.asarray(faces)
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        raise DefrayError(f"{path}: vertices {vertices.shape} and faces {faces.shape} must be [v,3] and [n,3]")
-    if not len(faces):
-        raise DefrayError(f"{path} holds no triangle")
-    if faces.dtype.kind not in "iu" or vertices.dtype.kind not in "fiu":
-        raise DefrayError(f"{path}: vertices {vertices.dtype} must be numbers and faces {faces.dtype} integers")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        bad = int(np.flatnonzero((faces < 0).any(axis=1) | (faces >= len(vertices)).any(axis=1))[0])
-        raise DefrayError(f"{path}: face {bad} {faces[bad].tolist()} names a vertex outside 0..{len(vertices) - 1}")
-    with np.errstate(over="ignore"):
-        vertices = vertices.astype(np.float32)
-    finite = np.isfinite(vertices).all(axis=1)
-    if not finite.all():
-        bad = int(np.argmin(finite))
-        raise DefrayError(f"{path}: vertex {bad} is not finite in float32: {vertices[bad].tolist()}")
-    return vertices[faces]
+    """A mesh with what its TOML file says of it; views that it does not give are found from the geometry."""
+    triangles = read_mesh(path)
+    beside = read_sidecar(path) or Sidecar()
+    if beside.scale != 1:
+        with np.errstate(over="ignore"):
+            triangles = (triangles * np.float64(beside.scale)).astype(np.float32)
+    check_scale(triangles, path.stem)
+    views, found_by = beside.scaled_views(), f"given in {sidecar_path(path).name}"
+    if not views:
+        found = find_views(triangles, beside.up)
+        views, found_by = found.views, found.reason
+    return _scene(path.stem, triangles, views, "file", beside.licence, found_by)
 
 
 def check_scale(triangles: np.ndarray, name: str = "the scene") -> None:
@@ -236,21 +184,10 @@ def check_scale(triangles: np.ndarray, name: str = "the scene") -> None:
         raise DefrayError(f"{name} is only {extent:.3g} large; scale it up to at least {SMALLEST:g}")
 
 
-def automatic_views(triangles: np.ndarray) -> tuple[View, ...]:
-    """A three-quarter view from outside that holds the whole bounds, and one from the middle of them."""
-    corners = triangles.reshape(-1, 3)
-    lower, upper = corners.min(axis=0).astype(float), corners.max(axis=0).astype(float)
-    centre, radius = (lower + upper) / 2, max(float(np.linalg.norm(upper - lower)) / 2, 1e-6)
-    eye = centre + np.array([0.6, 0.45, 1.0]) / np.linalg.norm([0.6, 0.45, 1.0]) * radius * 2.7
-    ahead = centre + np.array([1.0, 0.0, 0.0]) * radius
-    return (
-        View(tuple(eye), tuple(centre), fov_degrees=45.0, name="outside"),
-        View(tuple(centre), tuple(ahead), fov_degrees=75.0, name="inside"),
-    )
-
-
-def _scene(name: str, triangles: np.ndarray, views: tuple[View, ...], source: str, licence: str) -> Scene:
+def _scene(
+    name: str, triangles: np.ndarray, views: tuple[View, ...], source: str, licence: str, found_by: str = ""
+) -> Scene:
     triangles = np.ascontiguousarray(triangles, np.float32)
     check_scale(triangles, name)
     digest = hashlib.sha256(triangles.astype("<f4", copy=False).tobytes()).hexdigest()
-    return Scene(name, triangles, views, source, digest, licence)
+    return Scene(name, triangles, views, source, digest, licence, found_by)
