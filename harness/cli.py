@@ -61,9 +61,15 @@ def doctor(json: JsonOption = False) -> None:
     raise typer.Exit(run_doctor(json=json))
 
 
-@app.command()
-def scenes(json: JsonOption = False) -> None:
+scenes_app = typer.Typer(rich_markup_mode="rich")
+app.add_typer(scenes_app, name="scenes")
+
+
+@scenes_app.callback(invoke_without_command=True)
+def scenes(context: typer.Context, json: JsonOption = False) -> None:
     """List the scenes: number of triangles, whether real, stand-in or missing, and where they come from."""
+    if context.invoked_subcommand:
+        return
     from harness.scene import list_scenes
 
     statuses = list_scenes()
@@ -75,6 +81,17 @@ def scenes(json: JsonOption = False) -> None:
     from harness.show import scene_table
 
     _print_table(scene_table(statuses))
+
+
+@scenes_app.command("fetch", epilog="Example:  [bold]defray scenes fetch sponza[/bold]")
+def scenes_fetch(
+    name: Annotated[str, typer.Argument(metavar="NAME|all", help="A scene of the paper, or all of them.")],
+    yes: Annotated[bool, typer.Option("--yes", help="Accept the licence shown, without a question.")] = False,
+) -> None:
+    """Fetch a real scene from its author's archive: licence shown first, download verified, geometry converted."""
+    from harness.fetch import run_fetch
+
+    raise typer.Exit(run_fetch(name, yes))
 
 
 @app.command(

@@ -31,7 +31,7 @@ def read_mesh(path: Path) -> np.ndarray:
         raise DefrayError(f"scene file {path} " + ("is a folder" if path.is_dir() else "does not exist"))
     if path.suffix.lower() == ".npz":
         return corners(path, *read_npz(path))
-    parts = _parts(path)
+    parts = mesh_parts(path)
     if not parts:
         raise DefrayError(f"{path} holds no triangle")
     return np.concatenate([corners(path, vertices, faces) for vertices, faces in parts])
@@ -49,8 +49,8 @@ def read_npz(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise DefrayError(f"{path} is damaged: {error}") from error
 
 
-def _parts(path: Path) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Vertices and faces of every mesh in the file, through trimesh."""
+def mesh_parts(path: Path) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Vertices and faces of every mesh in the file, not yet checked, through trimesh; raises DefrayError."""
     import trimesh
 
     suffix = path.suffix.lower()

@@ -16,7 +16,9 @@ import numpy as np
 import scenes
 from harness.cache import cache_folder
 from harness.data import Scene, View
+from harness.download import hash_of
 from harness.errors import DefrayError, known
+from harness.fetch import Pin, fetched_file
 from harness.meshes import MESH_SUFFIXES, corners, read_mesh, read_npz
 from harness.sidecar import Sidecar, read_sidecar, sidecar_path
 from harness.viewpoints import find_views
@@ -58,22 +60,25 @@ def list_scenes() -> list[SceneStatus]:
 
 
 def _status(recipe: Recipe) -> SceneStatus:
-    real = _real_files(recipe)
+    triangles, real, fetched = recipe.triangles, _real_files(recipe), fetched_file(recipe.name)
     if real:
         source, origin = "real", ", ".join(str(path) for path in real)
+    elif fetched:
+        source, origin, triangles = "real", f"fetched from {fetched[1].url}", fetched[1].triangles
     elif recipe.stand_in:
         source, origin = "stand-in", "seeded generator"
     else:
         names = ", ".join(name for name, _ in recipe.files) or "its file"
         source, origin = "missing", f"set DEFRAY_SCENES to a folder with {names}"
-    return SceneStatus(recipe.name, recipe.triangles, source, origin, recipe.licence, recipe.paper)
+    return SceneStatus(recipe.name, triangles, source, origin, recipe.licence, recipe.paper)
 
 
 def load_scene(name_or_path: str) -> Scene:
     """A known scene by name, or a mesh file by path.
 
-    Real geometry comes from the folder DEFRAY_SCENES; without it the stand-in is generated. Raises DefrayError
-    for an unknown name, a missing, unreadable or altered file, an empty mesh, or a vertex that is not finite.
+    Real geometry comes from the folder DEFRAY_SCENES, else from what `defray scenes fetch` brought; without either
+    the stand-in is generated. Raises DefrayError for an unknown name, a missing, unreadable or altered file, an empty
+    mesh, or a vertex that is not finite.
     """
     check_name(name_or_path)
     if name_or_path not in recipes():
@@ -82,6 +87,9 @@ def load_scene(name_or_path: str) -> Scene:
     files = _real_files(recipe)
     if files:
         return _real(recipe, files)
+    fetched = fetched_file(recipe.name)
+    if fetched:
+        return _fetched(recipe, *fetched)
     if recipe.stand_in:
         return _stand_in(recipe)
     raise DefrayError(f"scene {recipe.name} is missing: {_status(recipe).origin}")
@@ -103,12 +111,21 @@ def _real_files(recipe: Recipe) -> list[Path]:
 
 def _real(recipe: Recipe, files: list[Path]) -> Scene:
     for file, (_, expected) in zip(files, recipe.files, strict=True):
-        with file.open("rb") as data:
-            found = hashlib.file_digest(data, "sha256").hexdigest()
+        found = hash_of(file)
         if found != expected:
             raise DefrayError(f"{file} is not the expected file: SHA-256 {found}, expected {expected}")
     triangles = np.concatenate([corners(file, *read_npz(file)) for file in files])
     return _scene(recipe.name, triangles, recipe.real_views, "real", recipe.licence)
+
+
+def _fetched(recipe: Recipe, path: Path, pin: Pin) -> Scene:
+    """What was fetched, if it is still what was converted then."""
+    found = hash_of(path)
+    if found != pin.npz_sha256:
+        raise DefrayError(f"{path} is damaged: SHA-256 {found}; repair it with: defray scenes fetch {recipe.name}")
+    triangles = corners(path, *read_npz(path))
+    views = recipe.real_views or find_views(triangles, pin.up).views
+    return _scene(recipe.name, triangles, views, "real", pin.licence)
 
 
 # ---------------------------------------------------------------- stand-ins

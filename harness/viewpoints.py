@@ -95,12 +95,16 @@ def _frame(up: str) -> np.ndarray:
     return np.stack([right, vertical, np.cross(right, vertical)])
 
 
+def _triple(vector: np.ndarray) -> tuple[float, float, float]:
+    return tuple(vector.tolist())
+
+
 def outside_view(lower: np.ndarray, upper: np.ndarray, up: str = "y") -> View:
     """A three-quarter view from outside that holds the whole bounds."""
     centre, radius = (lower + upper) / 2, max(float(np.linalg.norm(upper - lower)) / 2, 1e-6)
     towards = np.array([0.6, 0.45, 1.0]) / np.linalg.norm([0.6, 0.45, 1.0])
     eye = centre + towards @ _frame(up) * radius * 2.7
-    return View(tuple(eye), tuple(centre), tuple(up_vector(up)), fov_degrees=45.0, name="outside")
+    return View(_triple(eye), _triple(centre), _triple(up_vector(up)), fov_degrees=45.0, name="outside")
 
 
 def _inside(eye: np.ndarray, distance: np.ndarray | None, up: str, diagonal: float) -> View:
@@ -108,8 +112,8 @@ def _inside(eye: np.ndarray, distance: np.ndarray | None, up: str, diagonal: flo
     right, vertical, back = _frame(up)
 
     def towards(heading: np.ndarray) -> View:
-        target = tuple(eye + heading * diagonal / 4)
-        return View(tuple(eye), target, tuple(vertical), fov_degrees=75.0, name="inside")
+        target = _triple(eye + heading * diagonal / 4)
+        return View(_triple(eye), target, _triple(vertical), fov_degrees=75.0, name="inside")
 
     if distance is None:
         return towards(right)
