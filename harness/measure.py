@@ -16,8 +16,9 @@ from harness.data import STAGES, Counters, Hits, Rays, Samples, Scene, differing
 from harness.embree import EmbreeScene
 from harness.exact import zero_area
 from harness.grid import build_grid
+from harness.ladder import check_memory
 from harness.rays import make_rays
-from harness.scene import load_scene
+from harness.scene import expected_triangles, load_scene
 from harness.spec import RunSpec
 from harness.stopwatch import Stopwatch
 from harness.tracers._base import Setting, Tracer
@@ -129,6 +130,9 @@ def shared_scene(name: str, device) -> SharedScene:
     """Load a scene and keep it for the groups that follow, in place of the one kept before."""
     if (name, device) not in _kept:
         forget_scenes()
+        count = expected_triangles(name)
+        if count:
+            check_memory(name, count, device)
         _kept[name, device] = SharedScene(load_scene(name), device)
     return _kept[name, device]
 

@@ -9,16 +9,19 @@ import sys
 import zipfile
 import zlib
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 import scenes
+from harness import ladder
 from harness.cache import cache_folder
 from harness.data import Scene, View
 from harness.download import hash_of
 from harness.errors import DefrayError, known
 from harness.fetch import Pin, fetched_file
+from harness.ladder import SIZES, rung, split_size
 from harness.meshes import MESH_SUFFIXES, corners, read_mesh, read_npz
 from harness.sidecar import Sidecar, read_sidecar, sidecar_path
 from harness.viewpoints import find_views
@@ -41,9 +44,23 @@ class SceneStatus:
 
 
 def check_name(name_or_path: str) -> None:
-    """Raise DefrayError for a scene that is certainly neither known nor a file."""
-    if name_or_path not in recipes() and not _looks_like_a_file(name_or_path):
-        raise DefrayError(f"{known('scene', name_or_path, recipes())}; or name a mesh file")
+    """Raise DefrayError for a scene that is certainly neither known nor a file, or a size of it that is not made."""
+    name, size = split_size(name_or_path)
+    if name not in recipes() and not _looks_like_a_file(name):
+        raise DefrayError(f"{known('scene', name, recipes())}; or name a mesh file")
+    if SIZES[size] > 1 and not enlargeable(name):
+        raise DefrayError(f"{name_or_path}: only stand-ins are enlarged; smaller sizes are made of any scene")
+
+
+def enlargeable(name: str) -> bool:
+    """Whether a scene is made in more than its own size: stand-ins are, real scenes and mesh files are not."""
+    return name in recipes() and _status(recipes()[name]).source == "stand-in"
+
+
+def expected_triangles(name_or_path: str) -> int | None:
+    """About how many triangles a scene has, size suffix included, before it is loaded; None for a file."""
+    name, size = split_size(name_or_path)
+    return int(_status(recipes()[name]).triangles * SIZES[size]) if name in recipes() else None
 
 
 def _looks_like_a_file(text: str) -> bool:
@@ -74,16 +91,22 @@ def _status(recipe: Recipe) -> SceneStatus:
 
 
 def load_scene(name_or_path: str) -> Scene:
-    """A known scene by name, or a mesh file by path.
+    """A known scene by name, or a mesh file by path; `@1/4` and its like after either give a rung of the size ladder.
 
     Real geometry comes from the folder DEFRAY_SCENES, else from what `defray scenes fetch` brought; without either
     the stand-in is generated. Raises DefrayError for an unknown name, a missing, unreadable or altered file, an empty
     mesh, or a vertex that is not finite.
     """
     check_name(name_or_path)
-    if name_or_path not in recipes():
-        return _from_file(Path(name_or_path))
-    recipe = recipes()[name_or_path]
+    name, size = split_size(name_or_path)
+    return _whole(name) if SIZES[size] == 1 else _rung(_whole(name), size)
+
+
+def _whole(name: str) -> Scene:
+    """A scene in its full size."""
+    if name not in recipes():
+        return _from_file(Path(name))
+    recipe = recipes()[name]
     files = _real_files(recipe)
     if files:
         return _real(recipe, files)
@@ -171,6 +194,22 @@ def _keep(file: Path, triangles: np.ndarray) -> None:
     except OSError:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+# ---------------------------------------------------------------- the ladder of sizes
+
+
+def _rung(scene: Scene, size: str) -> Scene:
+    """A scene in another size, with the views of the full one; made once, then read from the cache."""
+    parts = [Path(ladder.__file__).read_bytes(), scene.sha256, size, version("fast-simplification")]
+    digest = hashlib.sha256(b"\0".join(part if isinstance(part, bytes) else part.encode() for part in parts))
+    # A slash is no part of a file's name.
+    file = cache_folder() / f"{scene.name}-{size.replace('/', 'of')}-{digest.hexdigest()[:16]}.npz"
+    triangles = _kept(file)
+    if triangles is None:
+        triangles = rung(scene.triangles, size)
+        _keep(file, triangles)
+    return _scene(f"{scene.name}@{size}", triangles, scene.views, scene.source, scene.licence, scene.views_from)
 
 
 # ---------------------------------------------------------------- mesh files
