@@ -75,8 +75,7 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
             "for stand-ins cut into 4 times as many; view, rays and grid stay the same. Filled and solid: real "
             "geometry; hollow and dashed: stand-ins. Bars are 95 % intervals; both axes are logarithmic.")
     for column, name in (("rate_mrays_per_s", "the rate"), ("speedup", "the speed-up")):
-        parts = [f"{row[f'{column}_exponent']:.2f} ({row[f'{column}_exponent_low']:.2f} to "
-                 f"{row[f'{column}_exponent_high']:.2f}) for {'stand-ins' if kind == STAND_IN else kind}"
+        parts = [f"{_power(row, column)} for {'stand-ins' if kind == STAND_IN else kind}"
                  for kind, row in _exponents(numbers, column)]
         if parts:
             text += f" Over triangles, {name} goes as the power {' and '.join(parts)}"
@@ -90,6 +89,12 @@ def _exponents(numbers: pd.DataFrame, column: str) -> list[tuple[str, pd.Series]
     if f"{column}_exponent" not in numbers:
         return []
     return [(kind, rows.iloc[0]) for kind, rows in numbers.dropna(subset=[f"{column}_exponent"]).groupby("kind")]
+
+
+def _power(row: pd.Series, column: str) -> str:
+    """An exponent with its interval, `−0.41 (−0.52 to −0.31)`."""
+    low, high = (f"{row[f'{column}_exponent_{end}']:.2f}" for end in ("low", "high"))
+    return f"{row[f'{column}_exponent']:.2f} ({low} to {high})".replace("-", "−")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
@@ -122,14 +127,18 @@ def _line(axis, rows: pd.DataFrame, column: str, kind: str, look: tuple[str, str
 
 
 def _axis(axis, numbers: pd.DataFrame, column: str, label: str) -> None:
-    values = numbers[column].dropna()
+    values = pd.concat([numbers[column], numbers[f"{column}_high"], numbers[f"{column}_low"]]).dropna()
     small, large = numbers["triangles"].min() / 1.6, numbers["triangles"].max() * 1.6
     axis.set(xscale="log", yscale="log", xlim=(small, large), ylabel=label)
     if len(values):
-        low, high = values.min() / 1.4, values.max() * 1.4
+        # A long interval downwards may leave the picture; the mark it belongs to may not.
+        low, high = max(values.min() / 1.2, numbers[column].min() / 3), values.max() * 1.2
         axis.set_ylim(low, high)
         style.log_axis(axis.yaxis, low, high)
     if column == "speedup":
         axis.axhline(1, color=style.INK, linewidth=0.9)
     style.log_axis(axis.xaxis, small, large)
+    for line, (kind, row) in enumerate(_exponents(numbers, column)):
+        axis.text(0.02, 1.09 - 0.06 * line, f"{kind}: power {_power(row, column)}", transform=axis.transAxes,
+                  fontsize=7.5, color=style.MUTED)
     axis.grid(axis="y")
