@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from filelock import FileLock, Timeout
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from harness.archives import Archive, archives, extract
 from harness.cache import cache_folder
@@ -195,9 +195,9 @@ def _pins() -> dict[str, Pin]:
     path = scenes_folder() / "lock.json"
     try:
         return {name: Pin.model_validate(pin) for name, pin in json.loads(path.read_text()).items()}
-    except FileNotFoundError:
+    except OSError:  # a cache that is not there or cannot be read holds nothing
         return {}
-    except (OSError, ValueError, AttributeError, ValidationError):
+    except (ValueError, AttributeError):  # pydantic's errors are ValueErrors
         raise DefrayError(f"{path} is damaged; remove it, and fetch again") from None
 
 

@@ -107,14 +107,11 @@ def _whole(name: str) -> Scene:
     if name not in recipes():
         return _from_file(Path(name))
     recipe = recipes()[name]
-    files = _real_files(recipe)
-    if files:
-        return _real(recipe, files)
-    fetched = fetched_file(recipe.name)
-    if fetched:
-        return _fetched(recipe, *fetched)
+    real = real_scene(recipe)
+    if real:
+        return real
     if recipe.stand_in:
-        return _stand_in(recipe)
+        return stand_in_scene(recipe)
     raise DefrayError(f"scene {recipe.name} is missing: {_status(recipe).origin}")
 
 
@@ -132,7 +129,15 @@ def _real_files(recipe: Recipe) -> list[Path]:
     return files if all(file.is_file() for file in files) else []
 
 
-def _real(recipe: Recipe, files: list[Path]) -> Scene:
+def real_scene(recipe: Recipe) -> Scene | None:
+    """The real geometry from the folder DEFRAY_SCENES, else what was fetched, or None.
+
+    Raises DefrayError for an altered file.
+    """
+    files = _real_files(recipe)
+    if not files:
+        fetched = fetched_file(recipe.name)
+        return _fetched(recipe, *fetched) if fetched else None
     for file, (_, expected) in zip(files, recipe.files, strict=True):
         found = hash_of(file)
         if found != expected:
@@ -154,8 +159,8 @@ def _fetched(recipe: Recipe, path: Path, pin: Pin) -> Scene:
 # ---------------------------------------------------------------- stand-ins
 
 
-def _stand_in(recipe: Recipe) -> Scene:
-    """Generate, or read from the cache what the same generator made before."""
+def stand_in_scene(recipe: Recipe) -> Scene:
+    """The stand-in: generated, or read from the cache what the same generator made before."""
     file = cache_folder() / f"{recipe.name}-{_generator_hash(recipe)}.npz"
     triangles = _kept(file)
     if triangles is None:
