@@ -3,7 +3,8 @@
 Smaller rungs are decimated by quadric error metrics with borders held (Garland & Heckbert 1997, the library
 fast-simplification). That stalls on meshes of many small open pieces, leaves, hairs and slats; such a rung is made by
 vertex clustering of the full scene instead (Rossignac & Borrel 1993). The rung of 4 cuts every triangle into four at
-the middles of its edges: the same surface, and every shared edge is still shared bit for bit.
+the middles of its edges: the same surface, and every shared edge is still shared bit for bit. Hairball's generator
+makes its smaller rungs itself, for hair neither decimates nor clusters into hair.
 """
 
 from __future__ import annotations

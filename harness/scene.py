@@ -206,13 +206,16 @@ def _keep(file: Path, triangles: np.ndarray) -> None:
 
 def _rung(scene: Scene, size: str) -> Scene:
     """A scene in another size, with the views of the full one; made once, then read from the cache."""
+    recipe = recipes().get(scene.name) if scene.source == "stand-in" else None
+    generated = recipe and recipe.smaller and SIZES[size] < 1
     parts = [Path(ladder.__file__).read_bytes(), scene.sha256, size, version("fast-simplification")]
+    parts += [_generator_hash(recipe)] if generated else []
     digest = hashlib.sha256(b"\0".join(part if isinstance(part, bytes) else part.encode() for part in parts))
     # A slash is no part of a file's name.
     file = cache_folder() / f"{scene.name}-{size.replace('/', 'of')}-{digest.hexdigest()[:16]}.npz"
     triangles = _kept(file)
     if triangles is None:
-        triangles = rung(scene.triangles, size)
+        triangles = recipe.smaller(SEED, float(SIZES[size])) if generated else rung(scene.triangles, size)
         _keep(file, triangles)
     return _scene(f"{scene.name}@{size}", triangles, scene.views, scene.source, scene.licence, scene.views_from)
 

@@ -176,6 +176,24 @@ def test_a_rung_is_made_once(known, monkeypatch):
     assert load_scene("ball@1/4").sha256 == first.sha256
 
 
+def test_a_generator_that_makes_smaller_scenes_itself_is_asked(known, monkeypatch):
+    small = replace(scene_module.recipes()["ball"], smaller=lambda seed, size: BALL[: int(size * len(BALL))])
+    monkeypatch.setattr(scene_module, "recipes", lambda: {"ball": small})
+    assert np.array_equal(load_scene("ball@1/16").triangles, BALL[: len(BALL) // 16])
+    assert np.array_equal(load_scene("ball@4").triangles, subdivided(BALL))
+
+
+@pytest.mark.parametrize("size", ["1/64", "1/16", "1/4"])
+def test_hairballs_smaller_rungs_are_hair_of_the_same_opacity(size):
+    from scenes import hairball
+
+    small = hairball.smaller(1, float(ladder_module.SIZES[size]))
+    assert len(small) == hairball.RECIPE.triangles * ladder_module.SIZES[size]
+    assert small.dtype == np.float32 and np.abs(small).max() < 1.2
+    rays = image_rays(hairball.RECIPE.stand_in_views[0], 64, 64)
+    assert (EmbreeScene(small).trace(rays).primitive >= 0).mean() == pytest.approx(0.65, abs=0.03)
+
+
 def test_a_rung_of_other_content_is_made_anew(known, monkeypatch):
     first = load_scene("real@1/4")
     recipes = scene_module.recipes()
