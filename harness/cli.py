@@ -300,14 +300,18 @@ def _measure(specs: list, device_part: str | None) -> list[dict]:
 
     from harness import tracers
     from harness.device import open_device
+    from harness.ladder import announcements
     from harness.pipeline import run_group
     from harness.progress import run_name
     from harness.record import finish
+    from harness.scene import expected_triangles
 
     console = Console(stderr=True)
     done = {}
     needed = any(tracers.find(spec.variant.tracer).needs_device for spec in specs)
     device = open_device(device_part) if needed else None
+    for line in announcements([(specs[0].scene, expected_triangles(specs[0].scene))]):
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
     with console.status("starting") as status:
 
         def progress(step) -> None:
