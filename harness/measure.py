@@ -16,7 +16,7 @@ from harness.data import STAGES, Counters, Hits, Rays, Samples, Scene, differing
 from harness.embree import EmbreeScene
 from harness.exact import zero_area
 from harness.grid import build_grid
-from harness.ladder import check_memory
+from harness.ladder import LARGE, check_memory
 from harness.rays import make_rays
 from harness.scene import expected_triangles, load_scene
 from harness.spec import RunSpec
@@ -114,6 +114,8 @@ class SharedScene:
             embree = self.embree if spec.kind in ("diffuse", "ambient-occlusion") else None
             self._rays = {key: make_rays(self.scene, *key, embree=embree)}
             self._checkers.clear()
+            if len(self.scene) >= LARGE:
+                self.__dict__.pop("embree", None)  # the checker builds another, and two would be too much memory
         return self._rays[key]
 
     def checker(self, spec: RunSpec, rays: Rays) -> Checker:
