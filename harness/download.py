@@ -121,12 +121,12 @@ def _starts_at(answer, place: int) -> bool:
 
 
 def _copy(answer, out, done: int, most: int, progress: Callable[[int], None]) -> int:
-    """Write the answer's body; returns the bytes in the file, fewer than announced where the connection broke."""
+    """Write the answer's body; returns the bytes in the file, fewer than announced where the server closed early."""
     while done < most:
         try:
             block = answer.read(min(CHUNK, most - done))
         except (http.client.HTTPException, TimeoutError, ConnectionError):
-            break
+            raise _Interrupted(f"the connection broke after {done:,} bytes") from None
         if not block:
             break
         out.write(block)

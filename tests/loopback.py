@@ -8,10 +8,14 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 
 class Server:
-    """Serves `files`; `cut` bytes at most a connection (None = all), ranges only where `ranges`."""
+    """Serves `files`; `cut` bytes at most a connection (None = all), ranges only where `ranges`.
+
+    `chunked`: the length is not told, and the body ends in the middle of a chunk.
+    """
 
     def __init__(self):
         self.files, self.cut, self.ranges, self.asked = {}, None, True, []
+        self.chunked = False
         server = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -20,6 +24,10 @@ class Server:
                 body = server.files.get(self.path)
                 if body is None:
                     self.send_error(404)
+                    return
+                if server.chunked:
+                    self.wfile.write(b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\nffff\r\n" + body[:100])
+                    self.close_connection = True
                     return
                 wanted = re.findall(r"\d+", self.headers.get("Range") or "") if server.ranges else []
                 start = int(wanted[0]) if wanted else 0

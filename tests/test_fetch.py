@@ -208,6 +208,12 @@ def test_a_truncated_download_is_refused_and_the_next_call_goes_on(place, server
     assert server.asked[-1] == ("/small.zip", "bytes=40000-")
 
 
+def test_a_file_of_unknown_length_that_ends_early_is_not_taken_for_whole(place, server):
+    server.chunked = True
+    message = place.refused(place.archive(LARGE, size=None, sha256=None))
+    assert "the connection broke after" in message
+
+
 def test_a_server_without_ranges_starts_anew(place, server):
     archive = place.archive(LARGE)
     (place.folder / "small.download").mkdir(parents=True)
