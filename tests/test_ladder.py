@@ -222,7 +222,7 @@ def test_large_rungs_are_announced(monkeypatch, tmp_path):
     monkeypatch.setenv("DEFRAY_CACHE", str(tmp_path))  # without a fetched copy of another size
     assert expected_triangles("san-miguel@4") == 4 * 9_388_826 and expected_triangles("bunny.ply@1/4") is None
     (line,) = announcements([("small", 1000), ("file", None), ("san-miguel@4", 37_555_304)])
-    assert line == "san-miguel@4: about 37,555,304 triangles, 2.8 GiB on the device, 9.4 GiB of main memory"
+    assert line == "san-miguel@4: about 37,555,304 triangles, 2.8 GiB on the device, 10.1 GiB of main memory"
 
 
 def test_a_rung_beyond_the_devices_memory_is_refused_before_it_is_made(known, monkeypatch):
