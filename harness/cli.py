@@ -63,9 +63,15 @@ def doctor(json: JsonOption = False) -> None:
     raise typer.Exit(run_doctor(json=json))
 
 
-@app.command()
-def scenes(json: JsonOption = False) -> None:
+scenes_app = typer.Typer(rich_markup_mode="rich")
+app.add_typer(scenes_app, name="scenes")
+
+
+@scenes_app.callback(invoke_without_command=True)
+def scenes(context: typer.Context, json: JsonOption = False) -> None:
     """List the scenes: number of triangles, whether real, stand-in or missing, and where they come from."""
+    if context.invoked_subcommand:
+        return
     from harness.scene import list_scenes
 
     statuses = list_scenes()
@@ -77,6 +83,17 @@ def scenes(json: JsonOption = False) -> None:
     from harness.show import scene_table
 
     _print_table(scene_table(statuses))
+
+
+@scenes_app.command("fetch", epilog="Example:  [bold]defray scenes fetch sponza[/bold]")
+def scenes_fetch(
+    name: Annotated[str, typer.Argument(metavar="NAME|all", help="A scene of the paper, or all of them.")],
+    yes: Annotated[bool, typer.Option("--yes", help="Accept the licence shown, without a question.")] = False,
+) -> None:
+    """Fetch a real scene from its author's archive: licence shown first, download verified, geometry converted."""
+    from harness.fetch import run_fetch
+
+    raise typer.Exit(run_fetch(name, yes))
 
 
 @app.command(
@@ -291,14 +308,18 @@ def _measure(specs: list, device_part: str | None) -> list[dict]:
 
     from harness import tracers
     from harness.device import open_device
+    from harness.ladder import announcements
     from harness.pipeline import run_group
     from harness.progress import run_name
     from harness.record import finish
+    from harness.scene import expected_triangles
 
     console = Console(stderr=True)
     done = {}
     needed = any(tracers.find(spec.variant.tracer).needs_device for spec in specs)
     device = open_device(device_part) if needed else None
+    for line in announcements([(specs[0].scene, expected_triangles(specs[0].scene))]):
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
     with console.status("starting") as status:
 
         def progress(step) -> None:

@@ -29,6 +29,7 @@ class Scene:
 
     `triangles`: float32[n,3,3], vertex positions in scene units, numbering as in the source.
     `source`: `real`, `stand-in` or `file`. `sha256`: of the triangles' bytes (little-endian float32).
+    `views_from`: where the views of a mesh file come from, for people; empty for known scenes.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Scene:
     source: str = "file"
     sha256: str = ""
     licence: str = ""
+    views_from: str = ""
 
     @property
     def title(self) -> str:

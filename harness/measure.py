@@ -16,8 +16,9 @@ from harness.data import STAGES, Counters, Hits, Rays, Samples, Scene, differing
 from harness.embree import EmbreeScene
 from harness.exact import zero_area
 from harness.grid import build_grid
+from harness.ladder import LARGE, check_memory
 from harness.rays import make_rays
-from harness.scene import load_scene
+from harness.scene import expected_triangles, load_scene
 from harness.spec import RunSpec
 from harness.stopwatch import Stopwatch
 from harness.tracers._base import Setting, Tracer
@@ -113,6 +114,8 @@ class SharedScene:
             embree = self.embree if spec.kind in ("diffuse", "ambient-occlusion") else None
             self._rays = {key: make_rays(self.scene, *key, embree=embree)}
             self._checkers.clear()
+            if len(self.scene) >= LARGE:
+                self.__dict__.pop("embree", None)  # the checker builds another, and two would be too much memory
         return self._rays[key]
 
     def checker(self, spec: RunSpec, rays: Rays) -> Checker:
@@ -129,6 +132,9 @@ def shared_scene(name: str, device) -> SharedScene:
     """Load a scene and keep it for the groups that follow, in place of the one kept before."""
     if (name, device) not in _kept:
         forget_scenes()
+        count = expected_triangles(name)
+        if count:
+            check_memory(name, count, device)
         _kept[name, device] = SharedScene(load_scene(name), device)
     return _kept[name, device]
 
@@ -194,6 +200,7 @@ def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
             "source": scene.source,
             "triangles": len(scene),
             "sha256": scene.sha256,
+            "views": scene.views_from,
         },
         "view": None if rays.kind in ("random", "file") else spec.view or scene.views[0].name,
         "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},

@@ -14,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from harness.data import GridSpec
 from harness.errors import DefrayError, known
+from harness.ladder import SIZES
 from harness.record import first_problem
 from harness.spec import RAY_KINDS, Check, RunSpec, Variant, check_grid
 
@@ -117,6 +118,7 @@ class SweepEntry(_Strict):
 
     name: str
     scenes: Annotated[list[str], _listed]
+    sizes: Annotated[list[str], _listed] = Field(default_factory=lambda: ["1"])
     grids: Annotated[list[str], _listed] = Field(default_factory=list)
     variants: Annotated[list[str], _listed]
     kinds: Annotated[list[str], _listed] = Field(default_factory=lambda: ["diffuse"])
@@ -126,13 +128,26 @@ class SweepEntry(_Strict):
     repetitions: int = Field(default=3, gt=0)
     check: Check = "embree"
 
+    def rungs(self) -> list[str]:
+        """Every scene in every size there is of it; raises DefrayError for an unknown scene or size."""
+        from harness.scene import check_name, enlargeable
+
+        for size in self.sizes:
+            if size not in SIZES:
+                raise known("size", size, SIZES)
+        for scene in self.scenes:
+            check_name(scene)
+        made = [f"{scene}@{size}" if size != "1" else scene for scene, size in product(self.scenes, self.sizes)
+                if SIZES[size] <= 1 or enlargeable(scene)]
+        return list(dict.fromkeys(made))
+
     def specs(self) -> list[RunSpec]:
         """All runs of the product, in the order of the lists."""
         variants = [Variant.parse(text) for text in self.variants]
         grids = [parse_grid(text) for text in self.grids]
         made: list[RunSpec] = []
         for scene, kind, rays, seed, view in product(
-            self.scenes, self.kinds, self.rays, self.seeds, self.views or [None]
+            self.rungs(), self.kinds, self.rays, self.seeds, self.views or [None]
         ):
             common = {"kind": kind, "rays": parse_count(rays), "seed": seed, "view": view}
             common |= {"repetitions": self.repetitions, "check": self.check}
@@ -169,15 +184,11 @@ def read_sweep_file(path: Path | str) -> SweepFile:
 
 def expand(path: Path | str, tier: str) -> list[RunSpec]:
     """All different runs of a tier and the tiers it includes, in the file's order."""
-    from harness.scene import check_name
-
     file = read_sweep_file(path)
     runs: dict[str, RunSpec] = {}
     for name in _with_included(file, tier, path):
         for entry in file.tiers[name].sweeps:
             try:
-                for scene in entry.scenes:
-                    check_name(scene)
                 runs |= {spec.id: spec for spec in entry.specs() if spec.id not in runs}
             except DefrayError as error:
                 raise DefrayError(f"{path}: tier {name}, sweep '{entry.name}': {error}") from None

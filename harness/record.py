@@ -53,12 +53,13 @@ class Machine(Part):
 
 
 class SceneFacts(Part):
-    """The scene's name, `real`, `stand-in` or `file`, and the SHA-256 of its triangles."""
+    """The scene's name, `real`, `stand-in` or `file`, the SHA-256 of its triangles, and how views were found."""
 
     name: str
     source: str
     triangles: int
     sha256: str
+    views: str = ""
 
 
 class RayFacts(Part):

@@ -67,11 +67,14 @@ def write_views(folder: Path, names: list[str], device) -> list[Path]:
     """Render the first view of each scene to `folder`/SCENE.png; pictures that exist stay as they are."""
     from PIL import Image
 
+    from harness.ladder import split_size
     from harness.measure import shared_scene
 
     written = []
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
+        if split_size(name)[1] != "1":
+            continue  # a rung of the size ladder looks as its full scene does
         file = folder / f"{name}.png"
         if not file.is_file():
             setting = shared_scene(name, device).setting

@@ -19,7 +19,7 @@ from markupsafe import Markup
 from harness.accuracy_rows import accuracy_file, latest_rows, precision_file
 from harness.errors import DefrayError
 from harness.figures import figures, style
-from harness.figures.runs import Runs, as_command, label_of, latest, read_published
+from harness.figures.runs import Runs, as_command, label_of, latest, read_published, rung_of
 from harness.record import RecordFile
 from harness.stability.report import read_results
 from harness.tables import tables
@@ -118,7 +118,8 @@ def render(runs: Runs, blocks: list[dict]) -> str:
 
 def summary(runs: Runs) -> str:
     """What was measured, in one line, without a verdict."""
-    sources = runs.scenes["source"]
+    whole = runs.scenes.assign(base=[rung_of(name)[0] for name in runs.scenes["scene"]])
+    sources = whole.drop_duplicates("base")["source"]
     stand_ins = int((sources == "stand-in").sum())
     refused = runs.all[~runs.all["valid"]]["record"]
     unchecked, unfinished = int(refused.map(is_unchecked).sum()), len(unfinished_runs(runs))

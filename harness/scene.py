@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import os
 import sys
 import zipfile
 import zlib
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 import scenes
+from harness import ladder
 from harness.cache import cache_folder
 from harness.data import Scene, View
+from harness.download import hash_of
 from harness.errors import DefrayError, known
+from harness.fetch import Pin, fetched_file
+from harness.ladder import SIZES, rung, split_size
+from harness.meshes import MESH_SUFFIXES, corners, read_mesh, read_npz
+from harness.sidecar import Sidecar, read_sidecar, sidecar_path
+from harness.viewpoints import find_views
 from scenes import Recipe, recipes
 
 SEED = 1  # of every stand-in
 LARGEST, SMALLEST = 1e12, 1e-12  # coordinates and extent: cubes of lengths must neither overflow nor vanish
-OBJ_GROUPING = (["usemtl"], ["mtllib"], ["o"], ["g"])
-MESH_SUFFIXES = {".npz", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off", ".3mf", ".dae", ".xyz"}
 
 
 @dataclass(frozen=True)
@@ -39,9 +44,23 @@ class SceneStatus:
 
 
 def check_name(name_or_path: str) -> None:
-    """Raise DefrayError for a scene that is certainly neither known nor a file."""
-    if name_or_path not in recipes() and not _looks_like_a_file(name_or_path):
-        raise DefrayError(f"{known('scene', name_or_path, recipes())}; or name a mesh file")
+    """Raise DefrayError for a scene that is certainly neither known nor a file, or a size of it that is not made."""
+    name, size = split_size(name_or_path)
+    if name not in recipes() and not _looks_like_a_file(name):
+        raise DefrayError(f"{known('scene', name, recipes())}; or name a mesh file")
+    if SIZES[size] > 1 and not enlargeable(name):
+        raise DefrayError(f"{name_or_path}: only stand-ins are enlarged; smaller sizes are made of any scene")
+
+
+def enlargeable(name: str) -> bool:
+    """Whether a scene is made in more than its own size: stand-ins are, real scenes and mesh files are not."""
+    return name in recipes() and _status(recipes()[name]).source == "stand-in"
+
+
+def expected_triangles(name_or_path: str) -> int | None:
+    """About how many triangles a scene has, size suffix included, before it is loaded; None for a file."""
+    name, size = split_size(name_or_path)
+    return int(_status(recipes()[name]).triangles * SIZES[size]) if name in recipes() else None
 
 
 def _looks_like_a_file(text: str) -> bool:
@@ -58,32 +77,41 @@ def list_scenes() -> list[SceneStatus]:
 
 
 def _status(recipe: Recipe) -> SceneStatus:
-    real = _real_files(recipe)
+    triangles, real, fetched = recipe.triangles, _real_files(recipe), fetched_file(recipe.name)
     if real:
         source, origin = "real", ", ".join(str(path) for path in real)
+    elif fetched:
+        source, origin, triangles = "real", f"fetched from {fetched[1].url}", fetched[1].triangles
     elif recipe.stand_in:
         source, origin = "stand-in", "seeded generator"
     else:
         names = ", ".join(name for name, _ in recipe.files) or "its file"
         source, origin = "missing", f"set DEFRAY_SCENES to a folder with {names}"
-    return SceneStatus(recipe.name, recipe.triangles, source, origin, recipe.licence, recipe.paper)
+    return SceneStatus(recipe.name, triangles, source, origin, recipe.licence, recipe.paper)
 
 
 def load_scene(name_or_path: str) -> Scene:
-    """A known scene by name, or a mesh file by path.
+    """A known scene by name, or a mesh file by path; `@1/4` and its like after either give a rung of the size ladder.
 
-    Real geometry comes from the folder DEFRAY_SCENES; without it the stand-in is generated. Raises DefrayError
-    for an unknown name, a missing, unreadable or altered file, an empty mesh, or a vertex that is not finite.
+    Real geometry comes from the folder DEFRAY_SCENES, else from what `defray scenes fetch` brought; without either
+    the stand-in is generated. Raises DefrayError for an unknown name, a missing, unreadable or altered file, an empty
+    mesh, or a vertex that is not finite.
     """
     check_name(name_or_path)
-    if name_or_path not in recipes():
-        return _from_file(Path(name_or_path))
-    recipe = recipes()[name_or_path]
-    files = _real_files(recipe)
-    if files:
-        return _real(recipe, files)
+    name, size = split_size(name_or_path)
+    return _whole(name) if SIZES[size] == 1 else _rung(_whole(name), size)
+
+
+def _whole(name: str) -> Scene:
+    """A scene in its full size."""
+    if name not in recipes():
+        return _from_file(Path(name))
+    recipe = recipes()[name]
+    real = real_scene(recipe)
+    if real:
+        return real
     if recipe.stand_in:
-        return _stand_in(recipe)
+        return stand_in_scene(recipe)
     raise DefrayError(f"scene {recipe.name} is missing: {_status(recipe).origin}")
 
 
@@ -101,21 +129,38 @@ def _real_files(recipe: Recipe) -> list[Path]:
     return files if all(file.is_file() for file in files) else []
 
 
-def _real(recipe: Recipe, files: list[Path]) -> Scene:
+def real_scene(recipe: Recipe) -> Scene | None:
+    """The real geometry from the folder DEFRAY_SCENES, else what was fetched, or None.
+
+    Raises DefrayError for an altered file.
+    """
+    files = _real_files(recipe)
+    if not files:
+        fetched = fetched_file(recipe.name)
+        return _fetched(recipe, *fetched) if fetched else None
     for file, (_, expected) in zip(files, recipe.files, strict=True):
-        with file.open("rb") as data:
-            found = hashlib.file_digest(data, "sha256").hexdigest()
+        found = hash_of(file)
         if found != expected:
             raise DefrayError(f"{file} is not the expected file: SHA-256 {found}, expected {expected}")
-    triangles = np.concatenate([_read_npz(file) for file in files])
+    triangles = np.concatenate([corners(file, *read_npz(file)) for file in files])
     return _scene(recipe.name, triangles, recipe.real_views, "real", recipe.licence)
+
+
+def _fetched(recipe: Recipe, path: Path, pin: Pin) -> Scene:
+    """What was fetched, if it is still what was converted then."""
+    found = hash_of(path)
+    if found != pin.npz_sha256:
+        raise DefrayError(f"{path} is damaged: SHA-256 {found}; repair it with: defray scenes fetch {recipe.name}")
+    triangles = corners(path, *read_npz(path))
+    views = recipe.real_views or find_views(triangles, pin.up).views
+    return _scene(recipe.name, triangles, views, "real", pin.licence)
 
 
 # ---------------------------------------------------------------- stand-ins
 
 
-def _stand_in(recipe: Recipe) -> Scene:
-    """Generate, or read from the cache what the same generator made before."""
+def stand_in_scene(recipe: Recipe) -> Scene:
+    """The stand-in: generated, or read from the cache what the same generator made before."""
     file = cache_folder() / f"{recipe.name}-{_generator_hash(recipe)}.npz"
     triangles = _kept(file)
     if triangles is None:
@@ -156,74 +201,41 @@ def _keep(file: Path, triangles: np.ndarray) -> None:
             part.unlink(missing_ok=True)
 
 
+# ---------------------------------------------------------------- the ladder of sizes
+
+
+def _rung(scene: Scene, size: str) -> Scene:
+    """A scene in another size, with the views of the full one; made once, then read from the cache."""
+    recipe = recipes().get(scene.name) if scene.source == "stand-in" else None
+    generated = recipe and recipe.smaller and SIZES[size] < 1
+    parts = [Path(ladder.__file__).read_bytes(), scene.sha256, size, version("fast-simplification")]
+    parts += [_generator_hash(recipe)] if generated else []
+    digest = hashlib.sha256(b"\0".join(part if isinstance(part, bytes) else part.encode() for part in parts))
+    # A slash is no part of a file's name.
+    file = cache_folder() / f"{scene.name}-{size.replace('/', 'of')}-{digest.hexdigest()[:16]}.npz"
+    triangles = _kept(file)
+    if triangles is None:
+        triangles = recipe.smaller(SEED, float(SIZES[size])) if generated else rung(scene.triangles, size)
+        _keep(file, triangles)
+    return _scene(f"{scene.name}@{size}", triangles, scene.views, scene.source, scene.licence, scene.views_from)
+
+
 # ---------------------------------------------------------------- mesh files
 
 
 def _from_file(path: Path) -> Scene:
-    if not path.is_file():
-        raise DefrayError(f"scene file {path} " + ("is a folder" if path.is_dir() else "does not exist"))
-    triangles = _read_npz(path) if path.suffix.lower() == ".npz" else _read_mesh(path)
-    return _scene(path.stem, triangles, automatic_views(triangles), "file", "unknown")
-
-
-def _read_npz(path: Path) -> np.ndarray:
-    try:
-        with path.open("rb") as data:
-            arrays = np.lib.npyio.NpzFile(data)
-            vertices, faces = arrays["vertices"], arrays["faces"]
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise DefrayError(f"{path} cannot be read as npz with vertices and faces: {error}") from error
-    except Exception as error:  # a damaged zip raises errors of its own
-        raise DefrayError(f"{path} is damaged: {error}") from error
-    return _corners(path, vertices, faces)
-
-
-def _read_mesh(path: Path) -> np.ndarray:
-    """Through trimesh: scene graphs flattened with their transforms, nothing merged or removed.
-
-    The numbering is the file's, mesh after mesh in trimesh's order of the graph; in PLY files that mix triangles
-    and quads, triangles come first.
-    """
-    import trimesh
-
-    try:
-        if path.suffix.lower() == ".obj":
-            # Materials and groups would reorder the faces; comments are often not UTF-8.
-            lines = path.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True)
-            text = "".join(line for line in lines if line.split(None, 1)[:1] not in OBJ_GROUPING)
-            loaded = trimesh.load(io.StringIO(text), file_type="obj", process=False, maintain_order=True)
-        else:
-            loaded = trimesh.load(path, process=False)
-        meshes = loaded.dump() if isinstance(loaded, trimesh.Scene) else [loaded]
-        parts = [(m.vertices, m.faces) for m in meshes if isinstance(m, trimesh.Trimesh)]
-    except Exception as error:  # trimesh's readers raise whatever their parsers do
-        reason = "" if isinstance(error, ImportError) else " ".join(str(error).split())[:200]
-        reason = reason or f"damaged, or no {path.suffix[1:].upper()} at all"
-        raise DefrayError(f"{path} cannot be read as a mesh: {reason}") from error
-    if not parts:
-        raise DefrayError(f"{path} holds no triangle")
-    return np.concatenate([_corners(path, vertices, faces) for vertices, faces in parts])
-
-
-def _corners(path: Path, vertices, faces) -> np.ndarray:
-    """float32[n,3,3] from float[v,3] and int[n,3]; raises DefrayError naming what is wrong."""
-    vertices, faces = np.asarray(vertices), np.asarray(faces)
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        raise DefrayError(f"{path}: vertices {vertices.shape} and faces {faces.shape} must be [v,3] and [n,3]")
-    if not len(faces):
-        raise DefrayError(f"{path} holds no triangle")
-    if faces.dtype.kind not in "iu" or vertices.dtype.kind not in "fiu":
-        raise DefrayError(f"{path}: vertices {vertices.dtype} must be numbers and faces {faces.dtype} integers")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        bad = int(np.flatnonzero((faces < 0).any(axis=1) | (faces >= len(vertices)).any(axis=1))[0])
-        raise DefrayError(f"{path}: face {bad} {faces[bad].tolist()} names a vertex outside 0..{len(vertices) - 1}")
-    with np.errstate(over="ignore"):
-        vertices = vertices.astype(np.float32)
-    finite = np.isfinite(vertices).all(axis=1)
-    if not finite.all():
-        bad = int(np.argmin(finite))
-        raise DefrayError(f"{path}: vertex {bad} is not finite in float32: {vertices[bad].tolist()}")
-    return vertices[faces]
+    """A mesh with what its TOML file says of it; views that it does not give are found from the geometry."""
+    triangles = read_mesh(path)
+    beside = read_sidecar(path) or Sidecar()
+    if beside.scale != 1:
+        with np.errstate(over="ignore"):
+            triangles = (triangles * np.float64(beside.scale)).astype(np.float32)
+    check_scale(triangles, path.stem)
+    views, found_by = beside.scaled_views(), f"given in {sidecar_path(path).name}"
+    if not views:
+        found = find_views(triangles, beside.up)
+        views, found_by = found.views, found.reason
+    return _scene(path.stem, triangles, views, "file", beside.licence, found_by)
 
 
 def check_scale(triangles: np.ndarray, name: str = "the scene") -> None:
@@ -236,21 +248,10 @@ def check_scale(triangles: np.ndarray, name: str = "the scene") -> None:
         raise DefrayError(f"{name} is only {extent:.3g} large; scale it up to at least {SMALLEST:g}")
 
 
-def automatic_views(triangles: np.ndarray) -> tuple[View, ...]:
-    """A three-quarter view from outside that holds the whole bounds, and one from the middle of them."""
-    corners = triangles.reshape(-1, 3)
-    lower, upper = corners.min(axis=0).astype(float), corners.max(axis=0).astype(float)
-    centre, radius = (lower + upper) / 2, max(float(np.linalg.norm(upper - lower)) / 2, 1e-6)
-    eye = centre + np.array([0.6, 0.45, 1.0]) / np.linalg.norm([0.6, 0.45, 1.0]) * radius * 2.7
-    ahead = centre + np.array([1.0, 0.0, 0.0]) * radius
-    return (
-        View(tuple(eye), tuple(centre), fov_degrees=45.0, name="outside"),
-        View(tuple(centre), tuple(ahead), fov_degrees=75.0, name="inside"),
-    )
-
-
-def _scene(name: str, triangles: np.ndarray, views: tuple[View, ...], source: str, licence: str) -> Scene:
+def _scene(
+    name: str, triangles: np.ndarray, views: tuple[View, ...], source: str, licence: str, found_by: str = ""
+) -> Scene:
     triangles = np.ascontiguousarray(triangles, np.float32)
     check_scale(triangles, name)
     digest = hashlib.sha256(triangles.astype("<f4", copy=False).tobytes()).hexdigest()
-    return Scene(name, triangles, views, source, digest, licence)
+    return Scene(name, triangles, views, source, digest, licence, found_by)

@@ -41,6 +41,8 @@ def _record_rows(record: dict):
     scene, rays, grid = record["scene"], record["rays"], record["grid"]
     stand_in = " [yellow](stand-in)[/yellow]" if scene["source"] == "stand-in" else ""
     yield "scene", f"{escape(scene['name'])}{stand_in}, {scene['triangles']:,} triangles"
+    if record.get("view") and scene.get("views"):
+        yield "view", escape(f"{record['view']} ({scene['views']})")
     share = "" if record["hits"] is None else f", {record['hits'] / rays['count']:.1%} hit"
     yield "rays", f"{rays['count']:,} {rays['kind']}, seed {rays['seed']}{share}"
     if grid:

@@ -72,6 +72,32 @@ def ratio(rates: Sequence[float], base_rates: Sequence[float], confidence: float
     return _bootstrap(len(sample), quotient, confidence)
 
 
+def exponent(sizes: Sequence[float], values: Sequence[float], groups: Sequence[str]) -> Interval:
+    """The power p of `values` proportional to `sizes` ** p, with a factor of its own for each group.
+
+    Least squares through the logarithms, taken from their mean in each group; the interval resamples the points, and
+    tells how well one power describes them, not the noise of a timing. Raises DefrayError where no group has two
+    different sizes, or a number is not positive.
+    """
+    x, y = _finite(sizes), _finite(values)
+    if len(x) != len(y) or len(x) != len(groups) or min(x.min(), y.min()) <= 0:
+        raise DefrayError("a power needs as many sizes above zero as values above zero and groups")
+    x, y = np.log(x), np.log(y)
+    _, number = np.unique(np.asarray(groups), return_inverse=True)
+    for column in (x, y):
+        column -= (np.bincount(number, weights=column) / np.bincount(number))[number]
+    if not (x * x).sum() > 1e-12:
+        raise DefrayError("a power needs a group with two different sizes")
+
+    def slope(rows: np.ndarray) -> np.ndarray:
+        spread = (x[rows] ** 2).sum(axis=-1)
+        # Where only points of a group's mean size are drawn, nothing is learnt: the power of all points stands.
+        whole = (x * y).sum() / (x * x).sum()
+        return np.where(spread > 1e-12, (x[rows] * y[rows]).sum(axis=-1) / np.maximum(spread, 1e-12), whole)
+
+    return _bootstrap(len(x), slope, 0.95)
+
+
 def different_p_value(first: Sequence[float], second: Sequence[float]) -> float:
     """Two-sided p value of the Mann-Whitney U test: small when the two samples differ."""
     from scipy.stats import mannwhitneyu

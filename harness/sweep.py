@@ -26,6 +26,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.errors import DefrayError
+from harness.ladder import announcements
 from harness.plan import expand
 from harness.progress import Display, TimeLeft, run_name
 from harness.record import RecordFile, append_line, command_line, commit_and_dirty, finish, now_utc
@@ -257,17 +258,21 @@ def _run_all(sweep: _Sweep) -> None:
         return
     device = open_device(sweep.request.device)
     _describe_machine(sweep, machine_description(device))
-    time_left = TimeLeft(_listed_triangles())
+    triangles = _known_triangles(sweep.specs)
+    for line in announcements(triangles.items()):
+        sweep.console.print(line, highlight=False, soft_wrap=True, markup=False)
+    time_left = TimeLeft(triangles)
     with Display(sweep.console, len(sweep.specs), len(sweep.stored), time_left) as display:
         while sweep.waiting:
             _run_group(sweep, sweep.waiting.pop(0), device, display)
 
 
-def _listed_triangles() -> dict[str, int]:
-    """Triangles of the listed scenes, for the time left; a scene not listed is guessed."""
-    from harness.scene import list_scenes
+def _known_triangles(specs: list[RunSpec]) -> dict[str, int]:
+    """About how many triangles each scene has, for the time left; that of a mesh file is guessed there."""
+    from harness.scene import expected_triangles
 
-    return {status.name: status.triangles for status in list_scenes() if status.triangles}
+    counts = {name: expected_triangles(name) for name in dict.fromkeys(spec.scene for spec in specs)}
+    return {name: count for name, count in counts.items() if count}
 
 
 def _run_group(sweep: _Sweep, specs: list[RunSpec], device, display: Display) -> None:

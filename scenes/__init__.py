@@ -22,6 +22,8 @@ class Recipe:
     `triangles`: of the real scene. `files`: (name, SHA-256) of the npz files that hold the real geometry
     (`vertices` float32[v,3], `faces` int32[t,3]); several are joined in order. `stand_in(seed)` generates
     float32[n,3,3]; None where there is no stand-in. `paper`: one of the paper's five.
+    `smaller(seed, size)`: the stand-in with that part of its triangles, where its generator makes a better one than
+    decimation does.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Recipe:
     licence: str = "unknown"
     credit: str = ""
     up: str = "y"
+    smaller: Callable[[int, float], np.ndarray] | None = None
     paper: bool = False
 
 

@@ -48,12 +48,24 @@ def stand_in(seed: int) -> np.ndarray:
     return join(*(on_lattice(tubes(part, taper, SIDES), 2.0, 22) for part in np.array_split(paths, BATCHES)))
 
 
+def smaller(seed: int, size: float) -> np.ndarray:
+    """`size` times the triangles, size one of 1/4, 1/16, 1/64: fewer hairs of fewer segments, as much thicker.
+
+    The ball stays as opaque: hairs times their radius is what a ray meets.
+    """
+    step = round(size**-0.5)  # half of the reduction in hairs, half in segments
+    taper = step * RADIUS * np.linspace(1.0, 0.45, SEGMENTS // step + 1)
+    paths = curls(generator(seed), HAIRS // step)[:, ::step]
+    return join(*(on_lattice(tubes(part, taper, SIDES), 2.0, 22) for part in np.array_split(paths, BATCHES)))
+
+
 RECIPE = Recipe(
     name="hairball",
     title="Hairball",
     triangles=2 * SIDES * SEGMENTS * HAIRS,
     stand_in_views=(View((0.0, 0.0, 3.2), (0.0, 0.0, 0.0), fov_degrees=38.0, name="front"),),
     stand_in=stand_in,
+    smaller=smaller,
     licence="CC BY 3.0 (the original)",
     credit="Samuli Laine",
     paper=True,

@@ -143,6 +143,22 @@ def test_scenes(defray, monkeypatch):
     assert code == 0 and "279,163" in out and "a place" in out
 
 
+def test_scenes_fetch_asks_for_a_licence_unless_told_yes(defray, monkeypatch):
+    asked = []
+    monkeypatch.setattr("harness.fetch.run_fetch", lambda name, yes: asked.append((name, yes)) or 1)
+    assert defray("scenes", "fetch", "sponza")[0] == 1 and defray("scenes", "fetch", "all", "--yes")[0] == 1
+    assert asked == [("sponza", False), ("all", True)]
+
+
+def test_large_scenes_are_announced_before_they_are_loaded(defray, monkeypatch, tmp_path):
+    monkeypatch.delenv("DEFRAY_SCENES", raising=False)  # real scenes are not enlarged
+    monkeypatch.setenv("DEFRAY_CACHE", str(tmp_path))
+    code, _, error = defray("trace", "san-miguel@1/4", "--rays", "1k")
+    assert code == 0 and "main memory" not in error
+    code, _, error = defray("compare", "deferred", "forward", "--scenes", "crown@4,sponza")
+    assert "crown@4: about 14,131,784 triangles, 1.1 GiB on the device, 3.8 GiB of main memory" in error
+
+
 def test_sweep_and_report(defray, tmp_path, monkeypatch):
     file, out_folder = tmp_path / "a.toml", tmp_path / "out"
     file.write_text(TIER)

@@ -116,6 +116,19 @@ def resolution_records(scene: str) -> list[dict]:
     return found
 
 
+def ladder_records(scene: str) -> list[dict]:
+    """Rungs of the size ladder with fewer rays than figure 1, the whole scene among them."""
+    found = []
+    for size, part in (("@1/64", 1 / 64), ("@1/16", 1 / 16), ("@1/4", 1 / 4), ("", 1.0)):
+        optimal = {"intersect": TIMES[scene][3] * part**0.6}
+        for record in (deferred(scene, walk=part**0.2, work=part**0.3, rays=RAYS // 5),
+                       one_record(scene, "work-optimal", "ray-space", optimal, rays=RAYS // 5)):
+            record["id"] = hashlib.sha256((record["id"] + size).encode()).hexdigest()[:16]
+            record["scene"] |= {"name": scene + size, "triangles": int(SIZES[scene] * part)}
+            found.append(record)
+    return found
+
+
 def make_folder(folder, records: list[dict], views=()) -> None:
     """An output folder as a sweep leaves it."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -135,6 +148,7 @@ def paper_folder(folder, scenes=tuple(SIZES)):
     """A full folder: some scenes, a sweep of resolutions, one failed check, one run stopped by an error."""
     records = [one for scene in scenes for one in scene_records(scene)]
     records += [one for scene in scenes for one in resolution_records(scene)]
+    records += [one for scene in scenes for one in ladder_records(scene)]
     records.append(deferred("crown", options={"compaction": "broken"}, wrong=17))
     make_folder(folder, records, [name for name in scenes if name != "crown"])
     error = {"id": "feedfeedfeedfeed", "scene": "crown", "run": "crown 8/128 deferred:ray-space:wave=1",

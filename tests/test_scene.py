@@ -13,7 +13,8 @@ import scenes
 from harness import scene as scene_module
 from harness.data import View
 from harness.errors import DefrayError
-from harness.scene import automatic_views, list_scenes, load_scene
+from harness.scene import list_scenes, load_scene
+from harness.viewpoints import find_views
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
 FACES = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]], np.int32)
@@ -96,7 +97,7 @@ def test_zero_area_triangles_and_unused_vertices_stay_in_the_numbering(tmp_path)
 
 
 def test_the_outside_view_encloses_the_bounds():
-    outside, inside = automatic_views(CORNERS + np.float32(100))
+    outside, inside = find_views(CORNERS + np.float32(100)).views
     assert np.linalg.norm(np.array(outside.eye) - 100.5) > 1.5
     assert np.array(inside.eye) == pytest.approx([100.5] * 3)
 

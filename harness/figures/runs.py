@@ -12,6 +12,7 @@ import pandas as pd
 
 from harness.data import STAGES
 from harness.errors import DefrayError
+from harness.ladder import SIZES
 from harness.stats import interval, rates_of, ratio
 
 PUBLISHED = Path(__file__).parents[1] / "paper" / "published.toml"
@@ -49,6 +50,11 @@ class Runs:
         return rows.sort_values(by, kind="stable").drop(columns="order").reset_index(drop=True)
 
     @cached_property
+    def whole(self) -> pd.DataFrame:
+        """Valid runs on whole scenes: the rungs of the size ladder have a figure of their own."""
+        return self.valid[self.valid["size"] == "1"].reset_index(drop=True)
+
+    @cached_property
     def valid(self) -> pd.DataFrame:
         """Runs whose hits were checked and found right, on the report's device: all that figures draw."""
         rows = self.all
@@ -57,8 +63,8 @@ class Runs:
 
     @cached_property
     def every_diffuse(self) -> pd.DataFrame:
-        """Valid diffuse runs of any number of rays."""
-        return self.valid[self.valid["kind"] == "diffuse"].reset_index(drop=True)
+        """Valid diffuse runs on whole scenes, of any number of rays."""
+        return self.whole[self.whole["kind"] == "diffuse"].reset_index(drop=True)
 
     @cached_property
     def diffuse(self) -> pd.DataFrame:
@@ -110,13 +116,16 @@ class Runs:
 
     def scene_title(self, scene: str) -> str:
         """Name of a scene for people, without its source."""
-        known = self.published_scene(scene)
-        return known["title"] if known else scene
+        base, size = rung_of(scene)
+        known = self.published_scene(base)
+        title = known["title"] if known else base
+        return title if size == "1" else f"{title} at {size}"
 
     def scene_place(self, scene: str) -> int:
         """Position of a scene in the paper's figure 1; scenes it lacks come after."""
         names = [plain(one["name"]) for one in self.published["scene"]]
-        return names.index(plain(scene)) if plain(scene) in names else len(names)
+        base = plain(rung_of(scene)[0])
+        return names.index(base) if base in names else len(names)
 
     def command_of(self, ids) -> list[str]:
         """The distinct commands that made these runs, in order."""
@@ -132,6 +141,12 @@ def read_published(path: Path = PUBLISHED) -> dict:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, tomllib.TOMLDecodeError) as error:
         raise DefrayError(f"cannot read published numbers {path.name}: {error}") from error
+
+
+def rung_of(scene: str) -> tuple[str, str]:
+    """A recorded scene's name without its size, and the size: `("crown", "1/4")`; `1` for a whole scene."""
+    base, mark, size = scene.rpartition("@")
+    return (base, size) if mark and size in SIZES else (scene, "1")
 
 
 def plain(name: str) -> str:
@@ -157,12 +172,13 @@ def row_of(record: dict, scene_title) -> dict:
     row = {
         "run": record["id"], "scene": scene["name"], "source": scene["source"],
         "title": f"{title} (stand-in)" if scene["source"] == "stand-in" else title,
-        "triangles": int(scene["triangles"]), "kind": rays["kind"], "rays": int(rays["count"]),
-        "seed": rays.get("seed", 0), "view": record.get("view") or "", "tracer": record["tracer"],
-        "intersector": record.get("intersector") or "", "options": options_text(record.get("options")),
-        "label": label_of(record), "device": record["machine"].get("device") or "",
-        "valid": record.get("valid") is True, "grid": grid_text(grid), "top": grid.get("top"),
-        "leaf": grid.get("leaf"), "reading": grid.get("reading") or "", "cells": resolution_of(grid),
+        "size": rung_of(scene["name"])[1], "triangles": int(scene["triangles"]), "kind": rays["kind"],
+        "rays": int(rays["count"]), "seed": rays.get("seed", 0), "view": record.get("view") or "",
+        "tracer": record["tracer"], "intersector": record.get("intersector") or "",
+        "options": options_text(record.get("options")), "label": label_of(record),
+        "device": record["machine"].get("device") or "", "valid": record.get("valid") is True,
+        "grid": grid_text(grid), "top": grid.get("top"), "leaf": grid.get("leaf"),
+        "reading": grid.get("reading") or "", "cells": resolution_of(grid),
         "grid_megabytes": bytes_of(grid) / 1e6 if grid else float("nan"),
         "repetitions": record.get("repetitions"), "record": record,
     }

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.patches import Rectangle
 
 from harness.figures import style
-from harness.figures.runs import Runs
+from harness.figures.runs import Runs, rung_of
 
 ORDER = 10
 SECTION = "Figure 1 of the paper"
@@ -19,7 +19,7 @@ NEEDS = "any run, and the pictures in views/"
 
 def select(runs: Runs) -> pd.DataFrame:
     """Each scene with its size and whether its picture exists."""
-    scenes = runs.scenes
+    scenes = runs.scenes[[rung_of(name)[1] == "1" for name in runs.scenes["scene"]]]
     counts = scenes["scene"].map(runs.all.groupby("scene")["run"].agg(" ".join))
     drawn = [runs.view_file(name).is_file() for name in scenes["scene"]]
     return pd.DataFrame({"scene": scenes["title"], "source": scenes["source"],
