@@ -62,8 +62,23 @@ def doctor(json: JsonOption = False) -> None:
 
 
 @app.command()
-def scenes(json: JsonOption = False) -> None:
+def scenes(
+    calibration: Annotated[
+        bool, typer.Option("--calibration", help="Measure the stand-ins against the real scenes; minutes.")
+    ] = False,
+    cost: Annotated[
+        bool, typer.Option("--cost", help="Time and peak memory of generating the stand-ins and of their grids.")
+    ] = False,
+    only: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Only these, with --calibration or --cost; all five else.")
+    ] = None,
+    device: DeviceOption = None,
+    json: JsonOption = False,
+) -> None:
     """List the scenes: number of triangles, whether real, stand-in or missing, and where they come from."""
+    if calibration or cost:
+        _measure_scenes(only, device, json, cost)
+        return
     from harness.scene import list_scenes
 
     statuses = list_scenes()
@@ -75,6 +90,33 @@ def scenes(json: JsonOption = False) -> None:
     from harness.show import scene_table
 
     _print_table(scene_table(statuses))
+
+
+def _measure_scenes(only: str | None, device: str | None, json: bool, cost: bool) -> None:
+    """Print how like the real scenes the stand-ins behave, or what they cost; exit 1 if any is out of bounds."""
+    from dataclasses import asdict
+
+    from rich.console import Console
+
+    from harness import show
+    from harness.calibration import calibrate, calibrated_names
+    from harness.cost import costs
+    from harness.device import open_device
+
+    names = calibrated_names(only)
+    with Console(stderr=True).status("starting") as status:
+        if cost:
+            results = costs(names, device, status.update)
+        else:
+            results = calibrate(names, open_device(device), status.update)
+    if json:
+        _print_json([asdict(result) if cost else result.to_json() for result in results])
+    elif cost:
+        _print_table(show.cost_table(results))
+    else:
+        for result in results:
+            _print_table(show.calibration_table(result))
+    raise typer.Exit(not all(result.inside for result in results))
 
 
 @app.command(

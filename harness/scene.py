@@ -79,11 +79,11 @@ def load_scene(name_or_path: str) -> Scene:
     if name_or_path not in recipes():
         return _from_file(Path(name_or_path))
     recipe = recipes()[name_or_path]
-    files = _real_files(recipe)
-    if files:
-        return _real(recipe, files)
+    real = real_scene(recipe)
+    if real:
+        return real
     if recipe.stand_in:
-        return _stand_in(recipe)
+        return stand_in_scene(recipe)
     raise DefrayError(f"scene {recipe.name} is missing: {_status(recipe).origin}")
 
 
@@ -101,7 +101,11 @@ def _real_files(recipe: Recipe) -> list[Path]:
     return files if all(file.is_file() for file in files) else []
 
 
-def _real(recipe: Recipe, files: list[Path]) -> Scene:
+def real_scene(recipe: Recipe) -> Scene | None:
+    """The real geometry from the folder DEFRAY_SCENES, or None; raises DefrayError for an altered file."""
+    files = _real_files(recipe)
+    if not files:
+        return None
     for file, (_, expected) in zip(files, recipe.files, strict=True):
         with file.open("rb") as data:
             found = hashlib.file_digest(data, "sha256").hexdigest()
@@ -114,8 +118,8 @@ def _real(recipe: Recipe, files: list[Path]) -> Scene:
 # ---------------------------------------------------------------- stand-ins
 
 
-def _stand_in(recipe: Recipe) -> Scene:
-    """Generate, or read from the cache what the same generator made before."""
+def stand_in_scene(recipe: Recipe) -> Scene:
+    """The stand-in: generated, or read from the cache what the same generator made before."""
     file = cache_folder() / f"{recipe.name}-{_generator_hash(recipe)}.npz"
     triangles = _kept(file)
     if triangles is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
@@ -113,4 +114,36 @@ def comparison_table(result: dict) -> Table:
             f"{row['tests_per_ray']:.1f}" if row["tests_per_ray"] else "–",
             class_counts(record["agreement"]),
         )
+    return table
+
+
+def calibration_table(calibration) -> Group:
+    """Table of a `calibration.Calibration`: every figure of real scene and stand-in, and their ratio."""
+    origin = {
+        "measured": "the real scene measured now",
+        "stored": "the real scene's figures as stored; its files are not here",
+        "described": "no real file: design targets from its description",
+    }[calibration.source]
+    table = Table("figure", box=None)
+    for name in ("real", "stand-in", "ratio", ""):
+        table.add_column(name, justify="right" if name else "left")
+    for figure in calibration.figures:
+        mark = "" if figure.inside else "[red]outside[/red]"
+        table.add_row(figure.name, _number(figure.real), _number(figure.stand_in), f"{figure.ratio:.2f}", mark)
+    return Group(f"[bold]{calibration.scene}[/bold]: {origin}", table, "")
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def cost_table(costs: Sequence) -> Table:
+    """Table of `cost.costs`."""
+    table = Table("scene", "step", box=None)
+    for name in ("triangles", "seconds", "peak GiB", ""):
+        table.add_column(name, justify="right" if name else "left")
+    for cost in costs:
+        mark = "" if cost.inside else "[red]too much[/red]"
+        peak = f"{cost.peak_bytes / 2**30:.2f}"
+        table.add_row(cost.scene, cost.step, f"{cost.triangles:,}", f"{cost.seconds:.2f}", peak, mark)
     return table
