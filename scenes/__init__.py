@@ -12,7 +12,7 @@ import numpy as np
 
 from harness.data import View
 
-BUILDING_BLOCKS = ("shapes.py", "plants.py")  # what the generators are made of, beside their own modules
+BUILDING_BLOCKS = ("shapes.py", "plants.py", "elementary.py")  # what the generators are made of, beside their own modules
 
 
 @dataclass(frozen=True)
