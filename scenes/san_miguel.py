@@ -132,9 +132,8 @@ def town() -> np.ndarray:
     outer += [wall(a, b, LOWER[1], 7.0, 8) for a, b in (((x0, z0), (x0, z1)), ((x1, z0), (x1, z1)))]
     hall = [wall(a, b, LOWER[1], 6.0) for a, b in (((-24, -9), (WEST, -9)), ((-24, 12), (WEST, 12)))]
     hall.append(wall((-24, -9), (-24, 12), LOWER[1], 6.0))
-    tower = box((30, LOWER[1], -12), (44, UPPER[1], -2))
     doors = boxes([(-3, 0, -9.1), (-20, 0, -9.1), (-12, 0, 11.9)], [(-1.5, 2.4, -8.9), (-18.5, 2.4, -8.9), (-10.5, 2.4, 12.1)])
-    return join(*outer, *hall, tower, doors)
+    return join(*outer, *hall, doors)
 
 
 # ---------------------------------------------------------------- furniture and tableware, very fine
