@@ -12,7 +12,8 @@ import numpy as np
 
 from harness.data import View
 
-BUILDING_BLOCKS = ("shapes.py", "plants.py", "elementary.py")  # what the generators are made of, beside their own modules
+# What the generators are made of, beside their own modules.
+BUILDING_BLOCKS = ("shapes.py", "plants.py", "elementary.py")
 
 
 @dataclass(frozen=True)

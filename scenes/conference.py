@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.data import View
 from scenes import Recipe
-from scenes.elementary import PI, TURN, cos, power, sin
+from scenes.elementary import PI, TURN, cos, power, sin, steps
 from scenes.shapes import (
     box,
     boxes,
@@ -97,7 +97,7 @@ def room() -> np.ndarray:
         *(quad((LOWER[0], LOWER[1], z), (size[0], 0, 0), (0, size[1], 0)) for z in (LOWER[2], UPPER[2])),
         *(quad((x, LOWER[1], LOWER[2]), (0, 0, size[2]), (0, size[1], 0)) for x in (LOWER[0], UPPER[0])),
     ]
-    places = np.arange(LOWER[0] + 40, UPPER[0] - 220, 240)
+    places = steps(LOWER[0] + 40, UPPER[0] - 220, 240)
     panels = [
         boxes([(x, 60, z) for x in places], [(x + 200, 520, z + 8) for x in places])
         for z in (LOWER[2] + 2, UPPER[2] - 10)

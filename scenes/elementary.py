@@ -94,6 +94,11 @@ def between(random: np.random.Generator, low, high, size=None) -> np.ndarray:
     return low + (np.asarray(high) - low) * random.random(size)
 
 
+def steps(start: float, stop: float, step: float) -> np.ndarray:
+    """float64[n]: start, start + step, ... below stop."""
+    return start + step * np.arange(int(np.ceil((stop - start) / step)))
+
+
 def directions(random: np.random.Generator, count: int) -> np.ndarray:
     """Uniform random directions float64[count,3]."""
     height, angle = 2 * random.random(count) - 1, TURN * random.random(count)

@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.data import View
 from scenes import Recipe
-from scenes.elementary import PI, TURN, between, cos, power, sin
+from scenes.elementary import PI, TURN, between, cos, power, sin, steps
 from scenes.plants import branches, cloud, leaf, leaves
 from scenes.shapes import (
     box,
@@ -100,7 +100,7 @@ def wall(start, end, low: float, high: float, parts: int = 4) -> np.ndarray:
     return quad((start[0], low, start[1]), along, (0, high - low, 0), parts, parts)
 
 
-def building() -> np.ndarray:
+def building(_: np.random.Generator) -> np.ndarray:
     """Court, arcades, walls and roofs, and the plain blocks of the town about them."""
     length = 4 * BAY
     parts = [
@@ -119,7 +119,7 @@ def building() -> np.ndarray:
     ]
     bell = instances(arch(BAY, 2.0, 4.4), placement((0, ROOF + 0.2, 0)))
     parts.append(scatter(bell, placed([(WEST + BAY * (k + 0.5), BACK_NORTH) for k in range(5)])))
-    stones = [(x, z) for x in np.arange(WEST, EAST - 0.3, 0.9) for z in np.arange(0.3, SOUTH - 0.6, 0.9)]
+    stones = [(x, z) for x in steps(WEST, EAST - 0.3, 0.9) for z in steps(0.3, SOUTH - 0.6, 0.9)]
     low = placed(stones, -0.05)
     parts.append(boxes(low, low + [0.86, 0.08, 0.86]))
     return join(*parts, town())
@@ -132,8 +132,8 @@ def town() -> np.ndarray:
     outer += [wall(a, b, LOWER[1], 7.0, 8) for a, b in (((x0, z0), (x0, z1)), ((x1, z0), (x1, z1)))]
     hall = [wall(a, b, LOWER[1], 6.0) for a, b in (((-24, -9), (WEST, -9)), ((-24, 12), (WEST, 12)))]
     hall.append(wall((-24, -9), (-24, 12), LOWER[1], 6.0))
-    doors = boxes([(-3, 0, -9.1), (-20, 0, -9.1), (-12, 0, 11.9)], [(-1.5, 2.4, -8.9), (-18.5, 2.4, -8.9), (-10.5, 2.4, 12.1)])
-    return join(*outer, *hall, doors)
+    doors = [box((x, 0, z - 0.1), (x + 1.5, 2.4, z + 0.1)) for x, z in ((-3, -9), (-20, -9), (-12, 12))]
+    return join(*outer, *hall, *doors)
 
 
 # ---------------------------------------------------------------- furniture and tableware, very fine
@@ -182,13 +182,16 @@ def cover() -> np.ndarray:
 def bouquet(random: np.random.Generator) -> np.ndarray:
     """A small vase of very many small flowers: the densest thing on a table."""
     vase = resampled([(0.03, 0), (0.055, 0.03), (0.05, 0.06), (0.025, 0.1), (0.035, 0.12)], 50)
-    flower = surface(
-        lambda s, u: (u * cos(TURN * s), 0.3 * u * sin(5 * TURN * s) + 0.4 * u * u, u * sin(TURN * s)), 6, 20, False, True
-    )
+
+    def petals(s, u):
+        return u * cos(TURN * s), 0.3 * u * sin(5 * TURN * s) + 0.4 * u * u, u * sin(TURN * s)
+
+    flower = surface(petals, 6, 20, wrap_columns=True)
     heads = cloud(random, 115, (0, 0.12, 0), (0.09, 0.06, 0.09), 0.3)
     tilt = between(random, -0.8, 0.8, (2, len(heads)))
     blossoms = instances(flower, placement(heads, 0.014, pitch=tilt[0], roll=tilt[1]))
-    return join(revolve(vase, 56), blossoms, leaves(random, cloud(random, 300, (0, 0.1, 0), (0.08, 0.05, 0.08)), 0.04))
+    green = leaves(random, cloud(random, 300, (0, 0.1, 0), (0.08, 0.05, 0.08)), 0.04)
+    return join(revolve(vase, 56), blossoms, green)
 
 
 def dining(random: np.random.Generator) -> np.ndarray:
@@ -196,22 +199,24 @@ def dining(random: np.random.Generator) -> np.ndarray:
     top = revolve(np.array([(0, 0.72), (0.62, 0.72), (0.65, 0.735), (0.62, 0.75), (0, 0.75)]), 96)
     stem = [(0.3, 0), (0.28, 0.03), (0.05, 0.06), (0.04, 0.4), (0.06, 0.7), (0.2, 0.72)]
     turns = PI / 2 * np.arange(4)
-    seats = instances(chair(), placement([[0.85 * s, 0, 0.85 * c] for s, c in ((0, 1), (1, 0), (0, -1), (-1, 0))], yaw=turns))
+    around = np.array([(0, 0, 0.85), (0.85, 0, 0), (0, 0, -0.85), (-0.85, 0, 0)])
+    seats = instances(chair(), placement(around, yaw=turns))
     laid = instances(cover(), placement((0, 0.75, 0), yaw=turns + 0.4))
     table = join(top, revolve(resampled(stem, 30), 48), laid, seats, bouquet(random) + [0, 0.75, 0])
     return scatter(table, placed(TABLES), 1.0, between(random, 0, TURN, len(TABLES)))
 
 
-def lanterns() -> np.ndarray:
+def lanterns(_: np.random.Generator) -> np.ndarray:
     """Filigree lanterns on chains under the arcade's ceiling."""
     t = np.arange(40) / 39
     angle = TURN * np.arange(36)[:, None] / 36
     radius = 0.16 * power(sin(PI * (0.06 + 0.88 * t)), 0.7)
+    height = np.broadcast_to(0.5 * t, (36, 40))
     wires = [
-        np.stack([radius * cos(angle + w * t), np.broadcast_to(0.5 * t, (36, 40)), radius * sin(angle + w * t)], axis=-1)
+        tubes(np.stack([radius * cos(angle + w * t), height, radius * sin(angle + w * t)], axis=-1), 0.004, 6)
         for w in (1.2, -1.2)
     ]
-    body = join(*(tubes(wire, 0.004, 6) for wire in wires), sphere(0.07, 24, 36, (0, 0.25, 0)))
+    body = join(*wires, sphere(0.07, 24, 36, (0, 0.25, 0)))
     number = np.arange(24)
     chain = scatter(torus(0.025, 0.006, 16, 8), np.column_stack([0 * number, 0.55 + 0.05 * number, 0 * number]))
     spots = [(WEST + BAY * (k + 0.5), -1.6) for k in range(5)] + [(25.2, z) for z in (1.5, 5.0, 8.5, 12.0)]
@@ -224,10 +229,10 @@ def lanterns() -> np.ndarray:
 def pot_plants(random: np.random.Generator) -> np.ndarray:
     """Potted plants on the floor and, denser, along the balustrade of the gallery; two are huge."""
     pot = revolve(resampled([(0.16, 0), (0.24, 0.34), (0.27, 0.36), (0.26, 0.41), (0.21, 0.4), (0, 0.36)], 30), 40)
-    spots = [(x, 0.05, 0.55) for x in np.arange(7.0, 23.4, 1.0)] + [(x, 0.05, -2.8) for x in np.arange(7.0, 26, 1.2)]
-    spots += [(x, GALLERY, -0.5) for x in np.arange(7.0, 23, 0.5)]
-    spots += [(EAST + 0.5, GALLERY, z) for z in np.arange(0.7, 13, 0.7)]
-    spots += [(x, 0.05, z) for x in (WEST + 0.5, BACK_EAST - 0.5) for z in np.arange(1.5, 13, 1.0)]
+    spots = [(x, 0.05, 0.55) for x in steps(7.0, 23.4, 1.0)] + [(x, 0.05, -2.8) for x in steps(7.0, 26, 1.2)]
+    spots += [(x, GALLERY, -0.5) for x in steps(7.0, 23, 0.5)]
+    spots += [(EAST + 0.5, GALLERY, z) for z in steps(0.7, 13, 0.7)]
+    spots += [(x, 0.05, z) for x in (WEST + 0.5, BACK_EAST - 0.5) for z in steps(1.5, 13, 1.0)]
     spots += [(WEST + 1.5, GALLERY + 0.2, 2.75), (EAST - 0.65, GALLERY + 0.7, -0.5)]
     parts = [scatter(pot, np.array(spots))]
     for number, (x, y, z) in enumerate(spots):
@@ -242,7 +247,8 @@ def tree(random: np.random.Generator) -> np.ndarray:
     """A planter with a spreading tree: limbs and single leaves in clouds about their ends."""
     foot = np.array([PLANTER[0], 0.4, PLANTER[1]])
     wood, ends = branches(random, foot, 6.0, 11.0, 30, 12)
-    crown = [leaves(random, cloud(random, TREE_LEAVES // 30, end, (1.8, 1.2, 1.8), 0.15), 0.13, leaf(2)) for end in ends]
+    clouds = [cloud(random, TREE_LEAVES // 30, end, (1.8, 1.2, 1.8), 0.15) for end in ends]
+    crown = [leaves(random, points, 0.13, leaf(2)) for points in clouds]
     basin = [(1.0, 0), (1.05, 0.5), (0.95, 0.55), (0.85, 0.5), (0.85, 0.4), (0, 0.4)]
     return join(revolve(np.array(basin), 64) + (foot - [0, 0.4, 0]), wood, *crown)
 
@@ -259,10 +265,9 @@ def ivy(random: np.random.Generator) -> np.ndarray:
 def stand_in(seed: int) -> np.ndarray:
     """About 9.4 million triangles, z up in metres: float32[n,3,3]."""
     random = generator(seed)
-    makers = (building, lambda: dining(random), lanterns, lambda: pot_plants(random), lambda: tree(random), lambda: ivy(random))
     turned = []
-    for make in makers:
-        part = np.clip(make(), LOWER, UPPER)
+    for make in (building, lanterns, dining, pot_plants, tree, ivy):
+        part = np.clip(make(random), LOWER, UPPER)
         turned.append(on_lattice(np.stack([part[..., 0], -part[..., 2], part[..., 1]], axis=-1), 128.0, 22))
     return join(*turned)
 

@@ -7,6 +7,8 @@ matrices are computed so that every machine makes the same bits (see `elementary
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from scenes.elementary import PI, TURN, arctan2, cos, sin
@@ -28,7 +30,8 @@ def on_lattice(triangles: np.ndarray, size: float, bits: int = 18) -> np.ndarray
 
     `size`: the scene's largest extent; `bits` at most 22, so that float32 holds every multiple exactly.
     """
-    step = 2.0 ** (np.ceil(np.log2(size)) - bits)
+    mantissa, exponent = math.frexp(size)
+    step = 2.0 ** (exponent - (mantissa == 0.5) - bits)
     rounded = np.empty(triangles.shape, np.float32)
     for first in range(0, len(triangles), 1 << 18):
         rounded[first : first + (1 << 18)] = np.rint(triangles[first : first + (1 << 18)] / step) * step
