@@ -179,17 +179,22 @@ def calibrated_names(chosen: str | None = None) -> list[str]:
 
 
 def write_stored(device: Device, file: Path = STORED) -> None:
-    """Measure the real scenes under DEFRAY_SCENES and write them down; scenes without files stay as they are."""
+    """Measure the real scenes under DEFRAY_SCENES and write them down; what is not there stays as it is."""
     old = tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
     lines = [
         "# Figures of the real scenes, in the order of `harness.calibration.measure`, which names them; measured by",
-        "# `DEFRAY_SCENES=FOLDER python -m harness.calibration`. Hairball has no file: its figures are design",
-        "# targets from its description (see scenes/hairball.py).",
+        "# `DEFRAY_SCENES=FOLDER python -m harness.calibration`. Hairball has no file: its figures follow from its",
+        "# description (see scenes/hairball_figures.py).",
     ]
     for name in calibrated_names():
         recipe = recipes()[name]
         real = real_scene(recipe)
-        figures = measure(real, device) if real else old.get(name, {}).get("figures", {})
+        if real:
+            figures = measure(real, device)
+        elif recipe.described:
+            figures = recipe.described(RESOLUTIONS)
+        else:
+            figures = old.get(name, {}).get("figures", {})
         digests = ", ".join(f'"{digest}"' for _, digest in recipe.files)
         lines += ["", f"[{name}]", f"sha256 = [{digests}]", f"[{name}.figures]"]
         lines += [f'"{key}" = {float(f"{value:.5g}") if value < 1e5 else value!r}' for key, value in figures.items()]
