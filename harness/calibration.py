@@ -140,6 +140,11 @@ def stored_figures(recipe: Recipe, file: Path = STORED) -> dict[str, float]:
     return table["figures"]
 
 
+def stored_digest(recipe: Recipe, file: Path = STORED) -> str:
+    """SHA-256 of the stand-in's triangles, the same on every machine."""
+    return tomllib.loads(file.read_text(encoding="utf-8"))[recipe.name]["stand_in"]
+
+
 def calibrate(
     names: Sequence[str], device: Device, progress: Callable[[str], None] | None = None
 ) -> list[Calibration]:
@@ -179,7 +184,10 @@ def calibrated_names(chosen: str | None = None) -> list[str]:
 
 
 def write_stored(device: Device, file: Path = STORED) -> None:
-    """Measure the real scenes under DEFRAY_SCENES and write them down; what is not there stays as it is."""
+    """Measure the real scenes under DEFRAY_SCENES and write them down; what is not there stays as it is.
+
+    Beside the figures stands the stand-in's SHA-256, for other machines to compare.
+    """
     old = tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
     lines = [
         "# Figures of the real scenes, in the order of `harness.calibration.measure`, which names them; measured by",
@@ -196,7 +204,8 @@ def write_stored(device: Device, file: Path = STORED) -> None:
         else:
             figures = old.get(name, {}).get("figures", {})
         digests = ", ".join(f'"{digest}"' for _, digest in recipe.files)
-        lines += ["", f"[{name}]", f"sha256 = [{digests}]", f"[{name}.figures]"]
+        lines += ["", f"[{name}]", f"sha256 = [{digests}]", f'stand_in = "{stand_in_scene(recipe).sha256}"']
+        lines.append(f"[{name}.figures]")
         lines += [f'"{key}" = {float(f"{value:.5g}") if value < 1e5 else value!r}' for key, value in figures.items()]
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
