@@ -267,7 +267,7 @@ def stand_in(seed: int) -> np.ndarray:
     random = generator(seed)
     turned = []
     for make in (building, lanterns, dining, pot_plants, tree, ivy):
-        part = np.clip(make(random), LOWER, UPPER)
+        part = make(random)
         turned.append(on_lattice(np.stack([part[..., 0], -part[..., 2], part[..., 1]], axis=-1), 128.0, 22))
     return join(*turned)
 
