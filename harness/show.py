@@ -140,10 +140,11 @@ def _number(value: float) -> str:
 def cost_table(costs: Sequence) -> Table:
     """Table of `cost.costs`."""
     table = Table("scene", "step", box=None)
-    for name in ("triangles", "seconds", "peak GiB", ""):
+    for name in ("triangles", "seconds", "CPU seconds", "peak GiB", ""):
         table.add_column(name, justify="right" if name else "left")
     for cost in costs:
         mark = "" if cost.inside else "[red]too much[/red]"
         peak = f"{cost.peak_bytes / 2**30:.2f}"
-        table.add_row(cost.scene, cost.step, f"{cost.triangles:,}", f"{cost.seconds:.2f}", peak, mark)
+        seconds = f"{cost.seconds:.2f}", f"{cost.cpu_seconds:.2f}"
+        table.add_row(cost.scene, cost.step, f"{cost.triangles:,}", *seconds, peak, mark)
     return table
