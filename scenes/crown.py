@@ -70,7 +70,7 @@ def pearls() -> np.ndarray:
     placed = np.array(rims)
     fine, coarse = placed[:count], placed[count:]
     return join(
-        scatter(pearl(26, 38), fine[:, :3], fine[:, 3]), scatter(pearl(16, 24), coarse[:, :3], coarse[:, 3])
+        scatter(pearl(34, 48), fine[:, :3], fine[:, 3]), scatter(pearl(14, 20), coarse[:, :3], coarse[:, 3])
     )
 
 
@@ -125,10 +125,10 @@ def filigree(random: np.random.Generator, count: int) -> np.ndarray:
     size = between(random, 0.12, 0.34, count)
     spin = TURN * turns[:, None] * t + between(random, 0, TURN, (count, 1))
     side, up = (size[:, None] * (0.08 + t) * trig(spin) for trig in (cos, sin))
-    on_arch = np.arange(count) % 2 == 1
+    on_arch = np.arange(count) % 4 == 1  # the band is the densest part
     path = arch_path(400)
     rows = path[random.integers(10, 340, count)]
-    height = np.where(on_arch, rows[:, 1], between(random, FOOT + 0.3, FOOT + 3.0, count))[:, None] + up
+    height = np.where(on_arch, rows[:, 1], between(random, FOOT + 0.4, FOOT + 2.9, count))[:, None] + up
     radius = np.where(on_arch, 1.02 * rows[:, 0], 1.03 * RADIUS)[:, None] + 0.03 * sin(9 * spin)
     arch = TURN * random.integers(0, ARCHES, count) / ARCHES
     where = np.where(
