@@ -125,9 +125,9 @@ def filigree(random: np.random.Generator, count: int) -> np.ndarray:
     size = between(random, 0.12, 0.34, count)
     spin = TURN * turns[:, None] * t + between(random, 0, TURN, (count, 1))
     side, up = (size[:, None] * (0.08 + t) * trig(spin) for trig in (cos, sin))
-    on_arch = np.arange(count) % 4 == 1  # the band is the densest part
+    on_arch = np.arange(count) % 5 < 2  # the band is the densest part
     path = arch_path(400)
-    rows = path[random.integers(10, 340, count)]
+    rows = path[random.integers(10, 220, count)]
     height = np.where(on_arch, rows[:, 1], between(random, FOOT + 0.4, FOOT + 2.9, count))[:, None] + up
     radius = np.where(on_arch, 1.02 * rows[:, 0], 1.03 * RADIUS)[:, None] + 0.03 * sin(9 * spin)
     arch = TURN * random.integers(0, ARCHES, count) / ARCHES
@@ -157,6 +157,8 @@ def metal() -> np.ndarray:
         fan(petal[::-1]),
         extrude(petal, (0, 0, 0.12)),
         scatter(pearl(16, 22), [[0, 3.1, 0.06]], 0.3),
+        scatter(pearl(20, 30), petal[::3] * [0.8, 0.8, 1] + [0, 0.26, 0.14], 0.12),
+        instances(gem(24), placement((0, 1.1, 0.15), 0.4, pitch=PI / 2)),
     )
     angle = TURN * (np.arange(ARCHES) + 0.5) / ARCHES
     places = np.stack([RADIUS * cos(angle), np.full(ARCHES, FOOT + 3.3), RADIUS * sin(angle)], axis=1)
@@ -186,7 +188,7 @@ def cloth() -> np.ndarray:
         radius = 0.93 * RADIUS * puff * cos(rise)
         return radius * cos(angle), FOOT + 3.0 + 7.6 * sin(rise), radius * sin(angle)
 
-    return proper(surface(cap, 200, 700, wrap_columns=True))
+    return proper(surface(cap, 120, 480, wrap_columns=True))
 
 
 def ground() -> np.ndarray:
@@ -202,7 +204,7 @@ def ground() -> np.ndarray:
 
 def stand_in(seed: int) -> np.ndarray:
     """About 3.5 million triangles, the crown in the middle of a wide ground: float32[n,3,3]."""
-    parts = (ground(), metal(), pearls(), settings(), filigree(generator(seed), 1850), top(), cloth())
+    parts = (ground(), metal(), pearls(), settings(), filigree(generator(seed), 1680), top(), cloth())
     return join(*(on_lattice(part, 64.0, 22) for part in parts))
 
 
