@@ -94,28 +94,22 @@ def scenes(
 
 def _measure_scenes(only: str | None, device: str | None, json: bool, cost: bool) -> None:
     """Print how like the real scenes the stand-ins behave, or what they cost; exit 1 if any is out of bounds."""
-    from dataclasses import asdict
-
     from rich.console import Console
 
-    from harness import show
     from harness.calibration import calibrate, calibrated_names
     from harness.cost import costs
     from harness.device import open_device
+    from harness.show import measured_tables
 
     names = calibrated_names(only)
     with Console(stderr=True).status("starting") as status:
-        if cost:
-            results = costs(names, device, status.update)
-        else:
-            results = calibrate(names, open_device(device), status.update)
+        tell = status.update
+        results = costs(names, device, tell) if cost else calibrate(names, open_device(device), tell)
     if json:
-        _print_json([asdict(result) if cost else result.to_json() for result in results])
-    elif cost:
-        _print_table(show.cost_table(results))
+        _print_json([result.to_json() for result in results])
     else:
-        for result in results:
-            _print_table(show.calibration_table(result))
+        for table in measured_tables(results):
+            _print_table(table)
     raise typer.Exit(not all(result.inside for result in results))
 
 

@@ -40,6 +40,10 @@ class Cost:
         """Whether the peak stays within the limit."""
         return self.peak_bytes <= LIMIT_BYTES
 
+    def to_json(self) -> dict:
+        """For standard output."""
+        return asdict(self)
+
 
 def measure_here(name: str, step: str, device_part: str | None = None) -> Cost:
     """Do one step in this process, which should be a fresh one; raises DefrayError for an unknown step."""
@@ -92,4 +96,4 @@ def costs(
 
 
 if __name__ == "__main__":
-    print(json.dumps(asdict(measure_here(*sys.argv[1:]))))
+    print(json.dumps(measure_here(*sys.argv[1:]).to_json()))

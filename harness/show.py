@@ -117,6 +117,13 @@ def comparison_table(result: dict) -> Table:
     return table
 
 
+def measured_tables(results: Sequence) -> list:
+    """One table for each calibration, or one for all costs."""
+    if all(hasattr(result, "figures") for result in results):
+        return [calibration_table(result) for result in results]
+    return [cost_table(results)]
+
+
 def calibration_table(calibration) -> Group:
     """Table of a `calibration.Calibration`: every figure of real scene and stand-in, and their ratio."""
     origin = {
