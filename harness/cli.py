@@ -12,6 +12,7 @@ import typer
 
 from harness import accuracy_command
 from harness.errors import DefrayError
+from harness.scenes_command import scenes_app
 from harness.stability.command import stability
 
 UsageError = typer.BadParameter.__base__  # Typer names no other way to it
@@ -63,37 +64,7 @@ def doctor(json: JsonOption = False) -> None:
     raise typer.Exit(run_doctor(json=json))
 
 
-scenes_app = typer.Typer(rich_markup_mode="rich")
 app.add_typer(scenes_app, name="scenes")
-
-
-@scenes_app.callback(invoke_without_command=True)
-def scenes(context: typer.Context, json: JsonOption = False) -> None:
-    """List the scenes: number of triangles, whether real, stand-in or missing, and where they come from."""
-    if context.invoked_subcommand:
-        return
-    from harness.scene import list_scenes
-
-    statuses = list_scenes()
-    if json:
-        from dataclasses import asdict
-
-        _print_json([asdict(status) for status in statuses])
-        return
-    from harness.show import scene_table
-
-    _print_table(scene_table(statuses))
-
-
-@scenes_app.command("fetch", epilog="Example:  [bold]defray scenes fetch sponza[/bold]")
-def scenes_fetch(
-    name: Annotated[str, typer.Argument(metavar="NAME|all", help="A scene of the paper, or all of them.")],
-    yes: Annotated[bool, typer.Option("--yes", help="Accept the licence shown, without a question.")] = False,
-) -> None:
-    """Fetch a real scene from its author's archive: licence shown first, download verified, geometry converted."""
-    from harness.fetch import run_fetch
-
-    raise typer.Exit(run_fetch(name, yes))
 
 
 @app.command(
@@ -156,9 +127,9 @@ def trace(
     if json:
         _print_json(record)
     else:
-        from harness.show import record_table
+        from harness.show import print_table, record_table
 
-        _print_table(record_table(record))
+        print_table(record_table(record))
     _exit_by_checks([record])
 
 
@@ -211,10 +182,10 @@ def compare(
     if json:
         _print_json(results)
     else:
-        from harness.show import comparison_table
+        from harness.show import comparison_table, print_table
 
         for result in results:
-            _print_table(comparison_table(result))
+            print_table(comparison_table(result))
     _exit_by_checks(records)
 
 
@@ -333,13 +304,6 @@ def _measure(specs: list, device_part: str | None) -> list[dict]:
 
 def _print_json(value) -> None:
     typer.echo(json_module.dumps(value, allow_nan=False, ensure_ascii=False))
-
-
-def _print_table(table) -> None:
-    from rich.console import Console
-
-    # A pipe has no width of its own, and folded columns would make the table useless there.
-    Console(width=None if sys.stdout.isatty() else 140).print(table)
 
 
 def _exit_by_checks(records: list[dict]) -> None:

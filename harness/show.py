@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 
+from rich.console import Console, Group
 from rich.markup import escape
 from rich.table import Table
 
 CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")
+
+
+def print_table(table: Table) -> None:
+    """On standard output; a pipe has no width of its own, and folded columns would make the table useless there."""
+    Console(width=None if sys.stdout.isatty() else 140).print(table)
 
 
 def rate_text(rate: dict | None) -> str:
@@ -115,4 +122,44 @@ def comparison_table(result: dict) -> Table:
             f"{row['tests_per_ray']:.1f}" if row["tests_per_ray"] else "–",
             class_counts(record["agreement"]),
         )
+    return table
+
+
+def measured_tables(results: Sequence) -> list:
+    """One table for each calibration, or one for all costs."""
+    if all(hasattr(result, "figures") for result in results):
+        return [calibration_table(result) for result in results]
+    return [cost_table(results)]
+
+
+def calibration_table(calibration) -> Group:
+    """Table of a `calibration.Calibration`: every figure of real scene and stand-in, and their ratio."""
+    origin = {
+        "measured": "the real scene measured now",
+        "stored": "the real scene's figures as stored; its files are not here",
+        "described": "no real file: design targets from its description",
+    }[calibration.source]
+    table = Table("figure", box=None)
+    for name in ("real", "stand-in", "ratio", ""):
+        table.add_column(name, justify="right" if name else "left")
+    for figure in calibration.figures:
+        mark = "" if figure.inside else "[red]outside[/red]"
+        table.add_row(figure.name, _number(figure.real), _number(figure.stand_in), f"{figure.ratio:.2f}", mark)
+    return Group(f"[bold]{calibration.scene}[/bold]: {origin}", table, "")
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def cost_table(costs: Sequence) -> Table:
+    """Table of `cost.costs`."""
+    table = Table("scene", "step", box=None)
+    for name in ("triangles", "seconds", "CPU seconds", "peak GiB", ""):
+        table.add_column(name, justify="right" if name else "left")
+    for cost in costs:
+        mark = "" if cost.inside else "[red]too much[/red]"
+        peak = f"{cost.peak_bytes / 2**30:.2f}"
+        seconds = f"{cost.seconds:.2f}", f"{cost.cpu_seconds:.2f}"
+        table.add_row(cost.scene, cost.step, f"{cost.triangles:,}", *seconds, peak, mark)
     return table

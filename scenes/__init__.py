@@ -12,7 +12,8 @@ import numpy as np
 
 from harness.data import View
 
-BUILDING_BLOCKS = ("shapes.py", "plants.py")  # what the generators are made of, beside their own modules
+# What the generators are made of, beside their own modules.
+BUILDING_BLOCKS = ("shapes.py", "plants.py", "elementary.py")
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,8 @@ class Recipe:
 
     `triangles`: of the real scene. `files`: (name, SHA-256) of the npz files that hold the real geometry
     (`vertices` float32[v,3], `faces` int32[t,3]); several are joined in order. `stand_in(seed)` generates
-    float32[n,3,3]; None where there is no stand-in. `paper`: one of the paper's five.
+    float32[n,3,3]; None where there is no stand-in. `described(resolutions)`: figures of its calibration that follow
+    from its description, where it has no files. `paper`: one of the paper's five.
     `smaller(seed, size)`: the stand-in with that part of its triangles, where its generator makes a better one than
     decimation does.
     """
@@ -33,6 +35,7 @@ class Recipe:
     real_views: tuple[View, ...] = ()
     stand_in_views: tuple[View, ...] = ()
     stand_in: Callable[[int], np.ndarray] | None = None
+    described: Callable[[tuple[int, ...]], dict[str, float]] | None = None
     licence: str = "unknown"
     credit: str = ""
     up: str = "y"

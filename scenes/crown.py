@@ -6,6 +6,7 @@ import numpy as np
 
 from harness.data import View
 from scenes import Recipe
+from scenes.elementary import PI, TURN, between, cos, power, sin
 from scenes.shapes import (
     extrude,
     fan,
@@ -16,7 +17,6 @@ from scenes.shapes import (
     on_lattice,
     placement,
     proper,
-    quad,
     revolve,
     scatter,
     sphere,
@@ -25,7 +25,7 @@ from scenes.shapes import (
     tubes,
 )
 
-RADIUS = 5.6  # of the band
+RADIUS = 6.3  # of the band
 FOOT, CROSS = 0.4, 18.7  # height of the band's lower rim, of the tip of the cross
 GROUND = -0.6
 ARCHES = 8
@@ -34,14 +34,14 @@ ARCHES = 8
 def arch_path(count: int) -> np.ndarray:
     """From the band's rim, bulging outwards, up and in to the orb: (radius, height) float64[count,2]."""
     t = np.linspace(0, 1, count)
-    radius = RADIUS * (1 + 0.16 * np.sin(np.pi * t)) * np.sqrt(np.clip(1 - t**3.2, 0, 1))
-    height = FOOT + 3.6 + 9.4 * np.sin(np.pi / 2 * t) - 1.1 * t**6
+    radius = RADIUS * (1 + 0.16 * sin(PI * t)) * np.sqrt(np.clip(1 - power(t, 3.2), 0, 1))
+    height = FOOT + 3.6 + 9.4 * sin(PI / 2 * t) - 1.1 * power(t, 6)
     return np.stack([radius, height], axis=1)
 
 
 def around(points: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """(radius, height, sideways) float64[m,3] turned about y by each of float64[k]: float64[k,m,3]."""
-    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    c, s = cos(angles)[:, None], sin(angles)[:, None]
     radius, height, side = points.T
     return np.stack([radius * c - side * s, height + 0 * c, radius * s + side * c], axis=-1)
 
@@ -55,28 +55,32 @@ def pearls() -> np.ndarray:
     """Strings of pearls along the rims and both sides of every arch."""
     rims = []
     for height, count, size in ((FOOT, 120, 0.145), (FOOT + 3.3, 120, 0.145)):
-        angle = 2 * np.pi * np.arange(count) / count
+        angle = TURN * np.arange(count) / count
         rims += [
             (x, height, z, size)
-            for x, z in zip(RADIUS * 1.02 * np.cos(angle), RADIUS * 1.02 * np.sin(angle), strict=True)
+            for x, z in zip(RADIUS * 1.02 * cos(angle), RADIUS * 1.02 * sin(angle), strict=True)
         ]
+    count = len(rims)
     path = arch_path(36)[:-2]
     for side in (-0.62, 0.62):
         along = around(
-            np.column_stack([path * [1.03, 1], np.full(len(path), side)]), 2 * np.pi * np.arange(ARCHES) / ARCHES
+            np.column_stack([path * [1.03, 1], np.full(len(path), side)]), TURN * np.arange(ARCHES) / ARCHES
         )
         rims += [(*point, 0.16) for point in along.reshape(-1, 3)]
     placed = np.array(rims)
-    return scatter(pearl(), placed[:, :3], placed[:, 3])
+    fine, coarse = placed[:count], placed[count:]
+    return join(
+        scatter(pearl(34, 48), fine[:, :3], fine[:, 3]), scatter(pearl(14, 20), coarse[:, :3], coarse[:, 3])
+    )
 
 
 def gem(facets: int, table: float = 0.55) -> np.ndarray:
     """A cut stone of radius 1 looking along y."""
-    angle = 2 * np.pi * np.arange(facets) / facets
+    angle = TURN * np.arange(facets) / facets
     ring = lambda r, y, turn=0.0: np.stack(  # noqa: E731
-        [r * np.cos(angle + turn), np.full(facets, y), r * np.sin(angle + turn)], axis=1
+        [r * cos(angle + turn), np.full(facets, y), r * sin(angle + turn)], axis=1
     )
-    rings = np.stack([ring(table, 0.45), ring(0.85, 0.25, np.pi / facets), ring(1.0, 0.0), ring(0.55, -0.5)])
+    rings = np.stack([ring(table, 0.45), ring(0.85, 0.25, PI / facets), ring(1.0, 0.0), ring(0.55, -0.5)])
     return join(grid(rings, wrap_columns=True), fan(rings[0]))
 
 
@@ -87,15 +91,15 @@ def settings() -> np.ndarray:
             tubes(
                 np.array(
                     [
-                        [np.cos(a), -0.3, np.sin(a)],
-                        [1.05 * np.cos(a), 0.2, 1.05 * np.sin(a)],
-                        [0.8 * np.cos(a), 0.42, 0.8 * np.sin(a)],
+                        [cos(a), -0.3, sin(a)],
+                        [1.05 * cos(a), 0.2, 1.05 * sin(a)],
+                        [0.8 * cos(a), 0.42, 0.8 * sin(a)],
                     ]
                 ),
                 0.08,
                 10,
             )
-            for a in 2 * np.pi * np.arange(6) / 6
+            for a in TURN * np.arange(6) / 6
         )
     )
     mount = join(gem(24), claws, torus(1.05, 0.13, 48, 14))
@@ -103,35 +107,35 @@ def settings() -> np.ndarray:
     for row, (height, count, size) in enumerate(
         ((FOOT + 1.65, 16, 0.75), (FOOT + 0.75, 48, 0.22), (FOOT + 2.6, 48, 0.22))
     ):
-        angle = 2 * np.pi * (np.arange(count) + 0.5 * (row > 0)) / count
-        out = np.stack([RADIUS * 1.04 * np.cos(angle), np.full(count, height), RADIUS * 1.04 * np.sin(angle)], axis=1)
-        placed.append(instances(mount, placement(out, size, yaw=np.pi / 2 - angle, pitch=np.pi / 2)))
+        angle = TURN * (np.arange(count) + 0.5 * (row > 0)) / count
+        out = np.stack([RADIUS * 1.04 * cos(angle), np.full(count, height), RADIUS * 1.04 * sin(angle)], axis=1)
+        placed.append(instances(mount, placement(out, size, yaw=PI / 2 - angle, pitch=PI / 2)))
     path = arch_path(22)[2:-3]
-    for a in 2 * np.pi * np.arange(ARCHES) / ARCHES:
+    for a in TURN * np.arange(ARCHES) / ARCHES:
         out = around(np.column_stack([path * [1.05, 1.01], np.zeros(len(path))]), np.array([a]))[0]
-        tilt = np.linspace(np.pi / 2, 0.1, len(path))
-        placed.append(instances(mount, placement(out, 0.27, yaw=np.pi / 2 - a, pitch=tilt)))
+        tilt = np.linspace(PI / 2, 0.1, len(path))
+        placed.append(instances(mount, placement(out, 0.27, yaw=PI / 2 - a, pitch=tilt)))
     return join(*placed)
 
 
 def filigree(random: np.random.Generator, count: int) -> np.ndarray:
     """Spirals of fine wire on the band and the arches."""
     t = np.linspace(0, 1, 70)
-    turns = random.choice([-1.0, 1.0], count) * random.uniform(1.5, 3.0, count)
-    size = random.uniform(0.12, 0.34, count)
-    spin = 2 * np.pi * turns[:, None] * t + random.uniform(0, 2 * np.pi, (count, 1))
-    side, up = (size[:, None] * (0.08 + t) * trig(spin) for trig in (np.cos, np.sin))
-    on_arch = np.arange(count) % 2 == 1
+    turns = np.where(random.random(count) < 0.5, -1.0, 1.0) * between(random, 1.5, 3.0, count)
+    size = between(random, 0.12, 0.34, count)
+    spin = TURN * turns[:, None] * t + between(random, 0, TURN, (count, 1))
+    side, up = (size[:, None] * (0.08 + t) * trig(spin) for trig in (cos, sin))
+    on_arch = np.arange(count) % 5 < 2  # the band is the densest part
     path = arch_path(400)
-    rows = path[random.integers(10, 340, count)]
-    height = np.where(on_arch, rows[:, 1], random.uniform(FOOT + 0.3, FOOT + 3.0, count))[:, None] + up
-    radius = np.where(on_arch, 1.02 * rows[:, 0], 1.03 * RADIUS)[:, None] + 0.03 * np.sin(9 * spin)
-    arch = 2 * np.pi * random.integers(0, ARCHES, count) / ARCHES
+    rows = path[random.integers(10, 220, count)]
+    height = np.where(on_arch, rows[:, 1], between(random, FOOT + 0.4, FOOT + 2.9, count))[:, None] + up
+    radius = np.where(on_arch, 1.02 * rows[:, 0], 1.03 * RADIUS)[:, None] + 0.03 * sin(9 * spin)
+    arch = TURN * random.integers(0, ARCHES, count) / ARCHES
     where = np.where(
-        on_arch, arch + random.uniform(-0.4, 0.4, count) / rows[:, 0], random.uniform(0, 2 * np.pi, count)
+        on_arch, arch + between(random, -0.4, 0.4, count) / rows[:, 0], between(random, 0, TURN, count)
     )
     turn = where[:, None] + side / radius
-    return tubes(np.stack([radius * np.cos(turn), height, radius * np.sin(turn)], axis=-1), 0.022, 7)
+    return tubes(np.stack([radius * cos(turn), height, radius * sin(turn)], axis=-1), 0.022, 7)
 
 
 def metal() -> np.ndarray:
@@ -140,12 +144,12 @@ def metal() -> np.ndarray:
     rims = [torus(RADIUS * 1.01, 0.16, 600, 16) + [0, y, 0] for y in (FOOT, FOOT + 3.3)]
     path = arch_path(120)
     plates = []
-    for a in 2 * np.pi * np.arange(ARCHES) / ARCHES:
+    for a in TURN * np.arange(ARCHES) / ARCHES:
         across = [around(np.column_stack([path, np.full(len(path), s)]), np.array([a]))[0] for s in (-0.5, 0, 0.5)]
         plates.append(grid(np.stack(across)))
-    t = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    t = np.linspace(0, TURN, 72, endpoint=False)
     petal = np.stack(
-        [0.9 * np.sin(t) * (1 + 0.55 * np.cos(3 * t)), 1.3 - 1.3 * np.cos(t) * (1 + 0.2 * np.cos(2 * t)), 0 * t],
+        [0.9 * sin(t) * (1 + 0.55 * cos(3 * t)), 1.3 - 1.3 * cos(t) * (1 + 0.2 * cos(2 * t)), 0 * t],
         axis=1,
     )
     fleuron = join(
@@ -153,10 +157,12 @@ def metal() -> np.ndarray:
         fan(petal[::-1]),
         extrude(petal, (0, 0, 0.12)),
         scatter(pearl(16, 22), [[0, 3.1, 0.06]], 0.3),
+        scatter(pearl(20, 30), petal[::3] * [0.8, 0.8, 1] + [0, 0.26, 0.14], 0.12),
+        instances(gem(24), placement((0, 1.1, 0.15), 0.4, pitch=PI / 2)),
     )
-    angle = 2 * np.pi * (np.arange(ARCHES) + 0.5) / ARCHES
-    places = np.stack([RADIUS * np.cos(angle), np.full(ARCHES, FOOT + 3.3), RADIUS * np.sin(angle)], axis=1)
-    return join(band, *rims, *plates, instances(fleuron, placement(places, 1.0, yaw=np.pi / 2 - angle)))
+    angle = TURN * (np.arange(ARCHES) + 0.5) / ARCHES
+    places = np.stack([RADIUS * cos(angle), np.full(ARCHES, FOOT + 3.3), RADIUS * sin(angle)], axis=1)
+    return join(band, *rims, *plates, instances(fleuron, placement(places, 1.0, yaw=PI / 2 - angle)))
 
 
 def top() -> np.ndarray:
@@ -164,7 +170,7 @@ def top() -> np.ndarray:
     orb = sphere(0.95, 60, 110) + [0, 13.4, 0]
     bands = join(
         torus(0.96, 0.08, 160, 12) + [0, 13.4, 0],
-        instances(torus(0.96, 0.08, 160, 12), placement((0, 13.4, 0), pitch=np.pi / 2)),
+        instances(torus(0.96, 0.08, 160, 12), placement((0, 13.4, 0), pitch=PI / 2)),
     )
     upright = np.stack([np.zeros(11), np.linspace(14.4, CROSS - 0.25, 11), np.zeros(11)], axis=1)
     arm = np.stack([np.linspace(-1.5, 1.5, 9), np.full(9, 16.6), np.zeros(9)], axis=1)
@@ -172,29 +178,33 @@ def top() -> np.ndarray:
 
 
 def cloth() -> np.ndarray:
-    """The velvet cap inside the arches and the ermine below the band, both quilted."""
+    """The quilted velvet cap inside the arches."""
 
     def cap(s, t):
-        angle, rise = 2 * np.pi * s, np.pi / 2 * t
+        angle, rise = TURN * s, PI / 2 * t
         puff = (
-            1 + 0.05 * np.abs(np.sin(4 * angle)) * np.sin(2 * rise) + 0.004 * np.sin(150 * angle) * np.sin(90 * rise)
+            1 + 0.05 * np.abs(sin(4 * angle)) * sin(2 * rise) + 0.004 * sin(150 * angle) * sin(90 * rise)
         )
-        radius = 0.93 * RADIUS * puff * np.cos(rise)
-        return radius * np.cos(angle), FOOT + 3.0 + 7.6 * np.sin(rise), radius * np.sin(angle)
+        radius = 0.93 * RADIUS * puff * cos(rise)
+        return radius * cos(angle), FOOT + 3.0 + 7.6 * sin(rise), radius * sin(angle)
 
-    def ermine(s, t):
-        angle, around_roll = 2 * np.pi * s, 2 * np.pi * t
-        roll = 0.55 + 0.05 * np.sin(40 * angle) * np.sin(6 * around_roll)
-        radius = RADIUS * 1.02 + roll * np.cos(around_roll)
-        return radius * np.cos(angle), 0.0 + roll * np.sin(around_roll), radius * np.sin(angle)
+    return proper(surface(cap, 120, 480, wrap_columns=True))
 
-    return proper(join(surface(cap, 260, 900, wrap_columns=True), surface(ermine, 110, 1200, True, True)))
+
+def ground() -> np.ndarray:
+    """A cushion's top under the crown that falls away to a wide floor."""
+
+    def height(s, t):
+        x, z = -38.1 + 76.2 * s, -37.2 + 76.3 * t
+        away = np.sqrt(x * x + z * z)
+        return x, GROUND - 5.3 * np.clip((away - 7.5) / 6, 0, 1), z
+
+    return surface(height, 64, 64)
 
 
 def stand_in(seed: int) -> np.ndarray:
     """About 3.5 million triangles, the crown in the middle of a wide ground: float32[n,3,3]."""
-    ground = quad((-38.0, GROUND, -37.0), (0, 0, 76.0), (76.0, 0, 0), 24, 24)
-    parts = (ground, metal(), pearls(), settings(), filigree(generator(seed), 1100), top(), cloth())
+    parts = (ground(), metal(), pearls(), settings(), filigree(generator(seed), 1680), top(), cloth())
     return join(*(on_lattice(part, 64.0, 22) for part in parts))
 
 
@@ -204,7 +214,7 @@ RECIPE = Recipe(
     triangles=3_532_946,
     files=(("crown.npz", "eb7bb2e9086c1475fff85aba523260809739818ce68751f8adfd076aa439fb6b"),),
     real_views=(View((0.0, 5.5, 24.0), (0.0, 11.0, -10.0), fov_degrees=47.0, name="front"),),
-    stand_in_views=(View((0.0, 8.5, 24.0), (0.0, 9.0, 0.0), fov_degrees=47.0, name="front"),),
+    stand_in_views=(View((0.0, 5.5, 24.0), (0.0, 11.0, -10.0), fov_degrees=47.0, name="front"),),
     stand_in=stand_in,
     licence="see the author",
     credit="Martin Lubich",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from scenes.elementary import PI, TURN, between, cos, directions, power, sin
 from scenes.shapes import grid, join, tubes, unit
 
 _CHUNK = 1 << 17  # leaves placed at once, which bounds the memory
@@ -12,7 +13,7 @@ _CHUNK = 1 << 17  # leaves placed at once, which bounds the memory
 def leaf(segments: int = 2) -> np.ndarray:
     """A bent, pointed leaf along x from the origin, length 1: float64[4*segments,3,3]."""
     along = np.linspace(0, 1, segments + 1)
-    width = 0.32 * np.sin(np.pi * np.clip(along, 0.04, 0.98)) ** 0.8
+    width = 0.32 * power(sin(PI * np.clip(along, 0.04, 0.98)), 0.8)
     bend = -0.25 * along**2
     rows = [np.stack([along, bend + 0.12 * abs(side) * width, side * width], axis=1) for side in (-1, 0, 1)]
     return grid(np.stack(rows))
@@ -24,19 +25,19 @@ def leaves(random: np.random.Generator, centres: np.ndarray, size: float, templa
     parts = []
     for first in range(0, len(centres), _CHUNK):
         middle = centres[first : first + _CHUNK]
-        tip = unit(random.normal(size=(len(middle), 3)) - [0, droop, 0])
-        side = unit(np.cross(tip, random.normal(size=(len(middle), 3))))
+        tip = unit(directions(random, len(middle)) - [0, droop, 0])
+        side = unit(np.cross(tip, directions(random, len(middle))))
         turn = np.stack([tip, np.cross(side, tip), side], axis=1)
-        turn *= (size * random.uniform(0.6, 1.4, len(middle)))[:, None, None]
-        corners = np.einsum("ma,kab->kmb", template.reshape(-1, 3), turn) + middle[:, None]
+        turn *= (size * between(random, 0.6, 1.4, len(middle)))[:, None, None]
+        corners = sum(template.reshape(-1, 3)[:, a, None] * turn[:, None, a] for a in range(3)) + middle[:, None]
         parts.append(corners.reshape(-1, 3, 3).astype(np.float32))
     return join(*parts)
 
 
 def cloud(random: np.random.Generator, count: int, centre, radii, hollow: float = 0.5) -> np.ndarray:
     """Points float64[count,3] in an ellipsoid, denser towards its hull."""
-    shell = hollow + (1 - hollow) * random.random((count, 1)) ** 0.5
-    return np.asarray(centre) + unit(random.normal(size=(count, 3))) * shell * np.asarray(radii)
+    shell = hollow + (1 - hollow) * np.sqrt(random.random((count, 1)))
+    return np.asarray(centre) + directions(random, count) * shell * np.asarray(radii)
 
 
 def branches(random: np.random.Generator, foot, spread: float, height: float, count: int, sides=10) -> tuple:
@@ -44,16 +45,16 @@ def branches(random: np.random.Generator, foot, spread: float, height: float, co
     foot = np.asarray(foot, np.float64)
     part = np.linspace(0, 1, 25)[:, None]
     fork = foot + [0, 0.35 * height, 0]
-    trunk = foot + (1.06 * part - 0.06) * (fork - foot) + 0.03 * height * np.sin(5 * part) * [1, 0, 0.6]
-    angle = 2 * np.pi * (np.arange(count) + random.random(count)) / count
-    reach = spread * random.uniform(0.35, 0.9, count)
-    rise = height * random.uniform(0.65, 1.0, count)
-    ends = foot + np.stack([reach * np.cos(angle), rise, reach * np.sin(angle)], axis=1)
+    trunk = foot + (1.06 * part - 0.06) * (fork - foot) + 0.03 * height * sin(5 * part) * [1, 0, 0.6]
+    angle = TURN * (np.arange(count) + random.random(count)) / count
+    reach = spread * between(random, 0.35, 0.9, count)
+    rise = height * between(random, 0.65, 1.0, count)
+    ends = foot + np.stack([reach * cos(angle), rise, reach * sin(angle)], axis=1)
     bow = part * (1 - part) * spread * 0.3
     limbs = (
         fork
         + part * (ends[:, None] - fork)
-        - bow * np.stack([np.cos(angle), -0.5 + 0 * angle, np.sin(angle)], axis=1)[:, None]
+        - bow * np.stack([cos(angle), -0.5 + 0 * angle, sin(angle)], axis=1)[:, None]
     )
     thick = 0.035 * height
     wood = join(

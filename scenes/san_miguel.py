@@ -1,4 +1,8 @@
-"""San Miguel: a courtyard with arcades, trees of single leaves, tables and tableware."""
+"""San Miguel: a court between two storeys of arcades, with laid tables, potted plants, lanterns and a tree.
+
+Like the original it is clumped: the building is coarse, while chairs, tableware, flowers and leaves are tiny and
+very finely tessellated, on places where the original has its own.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +10,10 @@ import numpy as np
 
 from harness.data import View
 from scenes import Recipe
+from scenes.elementary import PI, TURN, between, cos, power, sin, steps
 from scenes.plants import branches, cloud, leaf, leaves
 from scenes.shapes import (
+    box,
     boxes,
     generator,
     grid,
@@ -16,6 +22,7 @@ from scenes.shapes import (
     on_lattice,
     placement,
     quad,
+    resampled,
     revolve,
     scatter,
     sphere,
@@ -24,224 +31,251 @@ from scenes.shapes import (
     tubes,
 )
 
-# Built with y up in metres, the courtyard about the origin; `stand_in` turns z up and moves it.
-HALF = (22.0, 10.0)  # half the court's length and width
-EAVES = 5.4
-TREES = np.array([(-9.0, 0.0, 1.5), (8.5, 0.0, -2.0)])
-MIDDLE = np.array([9.0, 0.0, 5.0])  # of the court, in the published coordinates
-LEAVES_OF_A_TREE = 320_000
+# Published coordinates in metres; built with y up as (x, height, -y), which `stand_in` turns back.
+LOWER, UPPER = (-38.0, -0.46, -37.0), (46.8, 14.6, 37.0)
+WEST, EAST, NORTH, SOUTH = 6.2, 23.4, 0.0, 13.5  # sides of the open court
+BACK_EAST, BACK_NORTH = 27.0, -3.2  # walls behind its arcades
+GALLERY, ROOF = 5.0, 10.0  # heights of the upper floor and the roof
+BAY = (EAST - WEST) / 5
+
+TABLES = [(x, -1.8) for x in (8.0, 11.2, 14.7, 18.1, 21.5, 24.8)]
+TABLES += [(11.2, 2.4), (14.5, 1.8), (17.7, 3.0), (20.8, 3.0), (9.0, 3.8), (12.5, 4.6), (16.1, 5.7), (9.0, 6.9)]
+TABLES += [(12.5, 7.5), (18.9, 7.3), (21.4, 6.5), (9.0, 10.1), (21.4, 10.1), (11.5, 11.6), (15.1, 11.7), (18.7, 11.7)]
+TABLES += [(x, 0.7) for x in (-19.7, -15.8, -11.3, -7.8)]
+PLANTER = (15.1, 3.7)
+TREE_LEAVES = 42_000
 
 
-def column() -> np.ndarray:
-    """A turned stone column, 3.2 m high, foot at the origin."""
-    y = np.linspace(0, 1, 57)
-    shape = 0.19 + 0.09 * np.exp(-((y / 0.05) ** 2)) + 0.12 * np.clip((y - 0.88) / 0.12, 0, 1) ** 1.5
-    return revolve(np.stack([shape + 0.012 * np.sin(70 * y) * (y > 0.85), 3.2 * y], axis=1), 44)
+def placed(points, height: float = 0.0) -> np.ndarray:
+    """(x, z) on a floor as float64[k,3]."""
+    points = np.asarray(points, np.float64)
+    return np.column_stack([points[:, 0], np.full(len(points), height), points[:, 1]])
 
 
-def arch(span: float) -> np.ndarray:
-    """A round arch with its wall up to the eaves, along x about the origin, springing at 3.2 m."""
-    angle = np.linspace(np.pi, 0, 49)
-    inner = np.stack([0.44 * span * np.cos(angle), 3.2 + 0.44 * span * np.sin(angle)], axis=1)
-    outer = np.stack([span / 2 * np.clip(1.4 * np.cos(angle), -1, 1), np.full(49, EAVES)], axis=1)
-    outer[[0, -1], 1] = 3.2
-    sheets = [
-        np.column_stack([points, np.full(49, z)])
-        for points, z in ((outer, -0.25), (inner, -0.25), (inner, 0.25), (outer, 0.25))
-    ]
-    return grid(np.stack(sheets))
+# ---------------------------------------------------------------- the building, coarse
 
 
-def sides() -> list[tuple[np.ndarray, float, float]]:
-    """The four sides of the court: the middle of each, its length, and the turn about y that faces it."""
-    x, z = HALF
-    return [
-        (np.array([0, 0, -z]), 2 * x, 0.0),
-        (np.array([0, 0, z]), 2 * x, np.pi),
-        (np.array([-x, 0, 0]), 2 * z, np.pi / 2),
-        (np.array([x, 0, 0]), 2 * z, -np.pi / 2),
-    ]
+def column(height: float) -> np.ndarray:
+    """A stone column with base and capital, foot at the origin."""
+    profile = [(0.3, 0), (0.3, 0.08), (0.22, 0.1), (0.2, 0.13), (0.17, 0.85), (0.21, 0.87), (0.21, 0.89), (0.3, 1)]
+    return revolve(np.array(profile) * (1, height), 20)
 
 
-def building(random: np.random.Generator) -> np.ndarray:
-    """Arcades on four sides, walls behind them, tiled roofs, the ground, and paving stones."""
-    parts = [quad((-46, -0.15, -36), (0, 0, 72), (84, 0, 0), 10, 10)]
-    tile = surface(lambda s, t: (0.11 * np.cos(np.pi * s), 0.07 * np.sin(np.pi * s), 0.5 * t), 3, 8)
-    for middle, length, turn in sides():
-        bays = round(length / 3.1)
-        span = length / bays
-        along = (np.arange(bays + 1) - bays / 2) * span
-        row = scatter(column(), np.column_stack([along, 0 * along, 0 * along]))
-        arches = scatter(arch(span), np.column_stack([along[:-1] + span / 2, 0 * along[1:], 0 * along[1:]]))
-        wall = quad((-length / 2 - 4, -0.15, -4.2), (length + 8, 0, 0), (0, 8.5, 0), 12, 4)
-        u, v = np.meshgrid(np.arange(-length / 2 - 3.5, length / 2 + 3.5, 0.24), np.arange(11))
-        places = np.stack([u, EAVES + 0.1 + 0.16 * v, 0.3 - 0.45 * v], axis=-1).reshape(-1, 3)
-        roof = scatter(tile, places + random.normal(0, 0.008, places.shape))
-        parts.append(instances(join(row, arches, wall, roof), placement(middle, yaw=turn)))
-    x, z = np.meshgrid(np.arange(-HALF[0], HALF[0], 0.62), np.arange(-HALF[1], HALF[1], 0.62))
-    low = np.stack([x, np.full_like(x, -0.1), z], axis=-1).reshape(-1, 3)
-    high = low + np.column_stack(
-        [np.full(len(low), 0.6), 0.1 + random.uniform(0, 0.02, len(low)), np.full(len(low), 0.6)]
+def arch(span: float, spring: float, top: float) -> np.ndarray:
+    """A round arch with the wall above it, along x about the origin."""
+    angle = PI * (1 - np.arange(25) / 24)
+    inner = np.stack([0.44 * span * cos(angle), spring + 0.44 * span * sin(angle)], axis=1)
+    outer = np.stack([span / 2 * np.clip(1.4 * cos(angle), -1, 1), np.full(25, top)], axis=1)
+    outer[[0, -1], 1] = spring
+    sheets = [(outer, -0.25), (inner, -0.25), (inner, 0.25), (outer, 0.25)]
+    return grid(np.stack([np.column_stack([points, np.full(25, z)]) for points, z in sheets]))
+
+
+def arcade(bays: int) -> np.ndarray:
+    """Two storeys of columns and arches along x from the origin, with a balustrade on the upper one."""
+    feet = np.column_stack([BAY * np.arange(bays + 1), np.zeros(bays + 1), np.zeros(bays + 1)])
+    middle = feet[:-1] + [BAY / 2, 0, 0]
+    baluster = revolve(np.array([(0.05, 0), (0.05, 0.1), (0.09, 0.3), (0.04, 0.6), (0.05, 0.8)]), 10)
+    step = 0.3 * np.arange(int(bays * BAY / 0.3))
+    bars = np.column_stack([step + 0.15, 0 * step + GALLERY + 0.1, 0 * step])
+    return join(
+        scatter(column(2.7), feet),
+        scatter(arch(BAY, 2.7, GALLERY), middle),
+        scatter(column(2.6), feet + [0, GALLERY, 0]),
+        scatter(arch(BAY, 2.6, ROOF - GALLERY), middle + [0, GALLERY, 0]),
+        scatter(baluster, bars),
+        box((0, GALLERY + 0.9, -0.12), (bays * BAY, GALLERY + 1.05, 0.12)),
+        box((0, GALLERY - 0.1, -0.4), (bays * BAY, GALLERY + 0.1, 0.4)),
     )
-    return join(*parts, boxes(low, high))
 
 
-def fountain() -> np.ndarray:
-    """Three basins over each other."""
-    profile = np.array(
-        [
-            (1.9, 0),
-            (2.1, 0.5),
-            (1.9, 0.6),
-            (1.8, 0.15),
-            (0.4, 0.2),
-            (0.25, 0.9),
-            (0.9, 1.2),
-            (1.0, 1.4),
-            (0.9, 1.35),
-            (0.2, 1.25),
-            (0.15, 1.8),
-            (0.45, 2.0),
-            (0.5, 2.12),
-            (0.1, 2.05),
-            (0.0, 2.4),
-        ]
-    )
-    steps = np.linspace(0, len(profile) - 1, 197)
-    fine = np.stack([np.interp(steps, np.arange(len(profile)), profile[:, axis]) for axis in (0, 1)], axis=1)
-    return revolve(fine, 190)
+def slab(x: tuple, y: float, z: tuple, columns: int = 4) -> np.ndarray:
+    """A floor of a few triangles."""
+    return quad((x[0], y, z[0]), (0, 0, z[1] - z[0]), (x[1] - x[0], 0, 0), columns, columns)
+
+
+def wall(start, end, low: float, high: float, parts: int = 4) -> np.ndarray:
+    """An upright wall between two points (x, z)."""
+    along = (end[0] - start[0], 0, end[1] - start[1])
+    return quad((start[0], low, start[1]), along, (0, high - low, 0), parts, parts)
+
+
+def building(_: np.random.Generator) -> np.ndarray:
+    """Court, arcades, walls and roofs, and the plain blocks of the town about them."""
+    length = 4 * BAY
+    parts = [
+        slab((LOWER[0], UPPER[0]), LOWER[1], (LOWER[2], UPPER[2]), 12),
+        slab((WEST, BACK_EAST), 0.0, (BACK_NORTH, SOUTH)),
+        slab((WEST, BACK_EAST), GALLERY, (BACK_NORTH, NORTH), 2),
+        slab((EAST, BACK_EAST), GALLERY, (NORTH, SOUTH), 2),
+        slab((WEST, BACK_EAST), ROOF, (BACK_NORTH, NORTH), 2),
+        slab((EAST, BACK_EAST), ROOF, (NORTH, SOUTH), 2),
+        wall((WEST, BACK_NORTH), (BACK_EAST, BACK_NORTH), -0.4, ROOF + 0.6, 6),
+        wall((BACK_EAST, BACK_NORTH), (BACK_EAST, SOUTH), -0.4, ROOF + 0.6, 6),
+        wall((WEST, BACK_NORTH), (WEST, SOUTH), -0.4, ROOF + 0.6, 6),
+        wall((WEST, SOUTH), (BACK_EAST, SOUTH), -0.4, ROOF + 0.6, 6),
+        instances(arcade(5), placement((WEST, 0, NORTH))),
+        instances(arcade(4), placement((EAST, 0, NORTH + (SOUTH - length) / 2 + length), yaw=PI / 2)),
+    ]
+    bell = instances(arch(BAY, 2.0, 4.4), placement((0, ROOF + 0.2, 0)))
+    parts.append(scatter(bell, placed([(WEST + BAY * (k + 0.5), BACK_NORTH) for k in range(5)])))
+    stones = [(x, z) for x in steps(WEST, EAST - 0.3, 0.9) for z in steps(0.3, SOUTH - 0.6, 0.9)]
+    low = placed(stones, -0.05)
+    parts.append(boxes(low, low + [0.86, 0.08, 0.86]))
+    return join(*parts, town())
+
+
+def town() -> np.ndarray:
+    """Blocks outside the court: a street wall on every side, a hall to the west, and doors in them."""
+    x0, x1, z0, z1 = LOWER[0], UPPER[0], LOWER[2], UPPER[2]
+    outer = [wall(a, b, LOWER[1], 7.0, 8) for a, b in (((x0, z0), (x1, z0)), ((x0, z1), (x1, z1)))]
+    outer += [wall(a, b, LOWER[1], 7.0, 8) for a, b in (((x0, z0), (x0, z1)), ((x1, z0), (x1, z1)))]
+    hall = [wall(a, b, LOWER[1], 6.0) for a, b in (((-24, -9), (WEST, -9)), ((-24, 12), (WEST, 12)))]
+    hall.append(wall((-24, -9), (-24, 12), LOWER[1], 6.0))
+    doors = [box((x, 0, z - 0.1), (x + 1.5, 2.4, z + 0.1)) for x, z in ((-3, -9), (-20, -9), (-12, 12))]
+    return join(*outer, *hall, *doors)
+
+
+# ---------------------------------------------------------------- furniture and tableware, very fine
 
 
 def chair() -> np.ndarray:
-    """A wrought-iron chair: rods and scrolls."""
-    t = np.linspace(0, 1, 26)[:, None]
-    rods = [
-        np.concatenate([x + 0 * t, (0.95 if z < 0 else 0.46) * t, z - 0.06 * t * (z < 0)], axis=1)
+    """A wrought-iron chair of rods and scrolls, looking along -z, feet at the origin's height."""
+    t = np.arange(49)[:, None] / 48
+    legs = [
+        np.concatenate([x + 0.03 * sin(PI * t), (0.95 if z > 0 else 0.46) * t, z + 0.06 * t * (z > 0)], axis=1)
         for x in (-0.2, 0.2)
         for z in (-0.2, 0.2)
     ]
-    spiral = 2 * np.pi * 2 * t
+    turn = TURN * 2.5 * t
     scrolls = [
-        np.concatenate([x + 0.08 * t * np.cos(spiral), 0.72 + 0.08 * t * np.sin(spiral), -0.24 + 0 * t], axis=1)
+        np.concatenate([x + 0.09 * t * cos(turn + x), 0.72 + 0.12 * t * sin(turn + x), 0.24 + 0 * t], axis=1)
         for x in (-0.11, 0.0, 0.11)
     ]
-    seat = surface(
-        lambda s, u: (0.22 * u * np.cos(2 * np.pi * s), 0.46 + 0.02 * u**2, 0.22 * u * np.sin(2 * np.pi * s)),
-        12,
-        40,
-        wrap_columns=True,
+    dish = surface(
+        lambda s, u: (0.22 * u * cos(TURN * s), 0.46 + 0.02 * u * u, 0.22 * u * sin(TURN * s)), 36, 96, False, True
     )
+    rail = np.concatenate([0.2 * cos(PI * t), 0.93 + 0.06 * sin(PI * t), 0.26 + 0 * t], axis=1)
     return join(
-        tubes(np.stack(rods), 0.014, 10),
-        tubes(np.stack(scrolls), 0.01, 8),
-        seat,
-        torus(0.22, 0.016, 60, 10) + [0, 0.46, 0],
+        tubes(np.stack([*legs, rail]), 0.013, 22),
+        tubes(np.stack(scrolls), 0.009, 16),
+        dish,
+        torus(0.22, 0.015, 72, 12) + [0, 0.46, 0],
     )
 
 
-def setting() -> np.ndarray:
-    """Plate, glass and cutlery of one place, towards +z from the origin."""
-    dish = np.array(
-        [(0, 0), (0.07, 0.002), (0.085, 0.008), (0.125, 0.018), (0.127, 0.021), (0.085, 0.012), (0, 0.006)]
-    )
-    wine = np.array(
-        [
-            (0.035, 0),
-            (0.034, 0.003),
-            (0.004, 0.01),
-            (0.004, 0.08),
-            (0.03, 0.1),
-            (0.038, 0.14),
-            (0.033, 0.18),
-            (0.031, 0.18),
-            (0.036, 0.14),
-            (0.028, 0.104),
-            (0, 0.09),
-        ]
-    )
-    smooth = lambda p, n: np.stack(  # noqa: E731
-        [np.interp(np.linspace(0, len(p) - 1, n), np.arange(len(p)), p[:, axis]) for axis in (0, 1)], axis=1
-    )
-    t = np.linspace(-0.1, 0.1, 20)[:, None]
-    blades = [np.concatenate([x + 0 * t, 0.008 + 0.01 * (10 * t) ** 4, t], axis=1) for x in (-0.16, 0.15, 0.18)]
+def cover() -> np.ndarray:
+    """Plate, glass and cutlery of one place at a table, towards +z from its middle."""
+    dish = [(0, 0), (0.07, 0.002), (0.085, 0.008), (0.125, 0.018), (0.127, 0.021), (0.085, 0.012), (0, 0.006)]
+    wine = [(0.035, 0), (0.034, 0.003), (0.004, 0.01), (0.004, 0.08), (0.03, 0.1), (0.038, 0.14), (0.033, 0.18)]
+    wine += [(0.031, 0.18), (0.036, 0.14), (0.028, 0.104), (0, 0.09)]
+    t = (np.arange(20) / 19 - 0.5)[:, None] * 0.2
+    bow = 0.008 + 100 * t * t * t * t
+    cutlery = np.stack([np.concatenate([x + 0 * t, bow, t], axis=1) for x in (-0.16, 0.15, 0.18)])
     return join(
-        revolve(smooth(dish, 40), 64),
-        revolve(smooth(wine, 60), 48) + [0.16, 0, -0.14],
-        tubes(np.stack(blades), 0.006, 8),
-    ) + [0, 0, 0.34]
+        revolve(resampled(dish, 36), 56),
+        revolve(resampled(wine, 52), 44) + [0.16, 0, -0.1],
+        tubes(cutlery, 0.006, 8),
+    ) + [0, 0, 0.36]
+
+
+def bouquet(random: np.random.Generator) -> np.ndarray:
+    """A small vase of very many small flowers: the densest thing on a table."""
+    vase = resampled([(0.03, 0), (0.055, 0.03), (0.05, 0.06), (0.025, 0.1), (0.035, 0.12)], 50)
+
+    def petals(s, u):
+        return u * cos(TURN * s), 0.3 * u * sin(5 * TURN * s) + 0.4 * u * u, u * sin(TURN * s)
+
+    flower = surface(petals, 6, 20, wrap_columns=True)
+    heads = cloud(random, 115, (0, 0.12, 0), (0.09, 0.06, 0.09), 0.3)
+    tilt = between(random, -0.8, 0.8, (2, len(heads)))
+    blossoms = instances(flower, placement(heads, 0.014, pitch=tilt[0], roll=tilt[1]))
+    green = leaves(random, cloud(random, 300, (0, 0.1, 0), (0.08, 0.05, 0.08)), 0.04)
+    return join(revolve(vase, 56), blossoms, green)
 
 
 def dining(random: np.random.Generator) -> np.ndarray:
-    """Round tables, each laid for four and with four chairs."""
+    """Round tables, each laid for four, with four chairs."""
     top = revolve(np.array([(0, 0.72), (0.62, 0.72), (0.65, 0.735), (0.62, 0.75), (0, 0.75)]), 96)
-    stem = revolve(np.array([(0.3, 0), (0.28, 0.03), (0.05, 0.06), (0.04, 0.4), (0.06, 0.7), (0.2, 0.72)]), 40)
-    turns = np.arange(4) * np.pi / 2
-    places = instances(setting(), placement((0, 0.75, 0), yaw=turns))
-    around = np.stack([0.85 * np.sin(turns), 0 * turns, 0.85 * np.cos(turns)], axis=1)
-    chairs = instances(chair(), placement(around, yaw=turns + np.pi))
-    vase = join(
-        revolve(np.array([(0.05, 0.75), (0.07, 0.85), (0.03, 0.95), (0.04, 1.0)]), 40),
-        leaves(random, cloud(random, 120, (0, 1.08, 0), (0.1, 0.1, 0.1)), 0.06),
-    )
-    table = join(top, stem, places, chairs, vase)
-    x, z = np.meshgrid(np.arange(-19, 20, 4.6), (-7.2, 6.8))
-    middle = np.stack([x, 0 * x, z], axis=-1).reshape(-1, 3) + random.normal(0, 0.35, (x.size, 3)) * [1, 0, 1]
-    return scatter(table, middle, 1.0, random.uniform(0, 2 * np.pi, len(middle)))
+    stem = [(0.3, 0), (0.28, 0.03), (0.05, 0.06), (0.04, 0.4), (0.06, 0.7), (0.2, 0.72)]
+    turns = PI / 2 * np.arange(4)
+    around = np.array([(0, 0, 0.85), (0.85, 0, 0), (0, 0, -0.85), (-0.85, 0, 0)])
+    seats = instances(chair(), placement(around, yaw=turns))
+    laid = instances(cover(), placement((0, 0.75, 0), yaw=turns + 0.4))
+    table = join(top, revolve(resampled(stem, 30), 48), laid, seats, bouquet(random) + [0, 0.75, 0])
+    return scatter(table, placed(TABLES), 1.0, between(random, 0, TURN, len(TABLES)))
 
 
-def pots(random: np.random.Generator) -> np.ndarray:
-    """Potted plants along the arcades."""
-    pot = revolve(np.array([(0.2, 0), (0.3, 0.4), (0.34, 0.42), (0.33, 0.48), (0.27, 0.46), (0, 0.4)]), 48)
-    x = np.concatenate([np.arange(-20, 21, 4.0)] * 2)
-    feet = np.column_stack([x, 0 * x, np.repeat([-9.2, 9.2], len(x) // 2)])
-    bushes = [leaves(random, cloud(random, 5200, foot + [0, 0.95, 0], (0.55, 0.6, 0.55), 0.2), 0.09) for foot in feet]
-    return join(scatter(pot, feet), *bushes)
-
-
-def tree(random: np.random.Generator, foot: np.ndarray) -> np.ndarray:
-    """A spreading tree: limbs, twigs and leaves of eight triangles in clouds about their ends."""
-    wood, ends = branches(random, foot, 8.0, 10.5, 46, 16)
-    each = LEAVES_OF_A_TREE // len(ends)
-    crown = [leaves(random, cloud(random, each, end, (1.9, 1.2, 1.9), 0.15), 0.13, leaf(2)) for end in ends]
-    twigs = [cloud(random, 40, end, (1.8, 1.1, 1.8)) for end in ends]
-    lines = [
-        np.stack([np.broadcast_to(end, tips.shape), (2 * end + tips) / 3 + 0.1, tips], axis=1)
-        for end, tips in zip(ends, twigs, strict=True)
+def lanterns(_: np.random.Generator) -> np.ndarray:
+    """Filigree lanterns on chains under the arcade's ceiling."""
+    t = np.arange(40) / 39
+    angle = TURN * np.arange(36)[:, None] / 36
+    radius = 0.16 * power(sin(PI * (0.06 + 0.88 * t)), 0.7)
+    height = np.broadcast_to(0.5 * t, (36, 40))
+    wires = [
+        tubes(np.stack([radius * cos(angle + w * t), height, radius * sin(angle + w * t)], axis=-1), 0.004, 6)
+        for w in (1.2, -1.2)
     ]
-    return join(on_lattice(wood, 128.0, 22), on_lattice(tubes(np.concatenate(lines), 0.015, 5), 128.0, 22), *crown)
+    body = join(*wires, sphere(0.07, 24, 36, (0, 0.25, 0)))
+    number = np.arange(24)
+    chain = scatter(torus(0.025, 0.006, 16, 8), np.column_stack([0 * number, 0.55 + 0.05 * number, 0 * number]))
+    spots = [(WEST + BAY * (k + 0.5), -1.6) for k in range(5)] + [(25.2, z) for z in (1.5, 5.0, 8.5, 12.0)]
+    return scatter(join(body, chain), placed(spots, 3.1))
 
 
-def ivy(random: np.random.Generator) -> np.ndarray:
-    """Leaves on the walls and down from the eaves."""
-    parts = []
-    for middle, length, turn in sides()[:3]:
-        count = int(1300 * length)
-        s = random.uniform(-0.5, 0.5, count) * length
-        hang = random.random(count) ** 2 * (1.2 + 0.8 * np.sin(1.7 * s) + 0.5 * np.sin(4.1 * s))
-        points = np.column_stack([s, EAVES - 0.1 - hang, 0.3 + 0.15 * random.random(count)])
-        parts.append(leaves(random, instances(points[:, None].repeat(3, 1), placement(middle, yaw=turn))[:, 0], 0.1))
+# ---------------------------------------------------------------- plants
+
+
+def pot_plants(random: np.random.Generator) -> np.ndarray:
+    """Potted plants on the floor and, denser, along the balustrade of the gallery; two are huge."""
+    pot = revolve(resampled([(0.16, 0), (0.24, 0.34), (0.27, 0.36), (0.26, 0.41), (0.21, 0.4), (0, 0.36)], 30), 40)
+    spots = [(x, 0.05, 0.55) for x in steps(7.0, 23.4, 1.0)] + [(x, 0.05, -2.8) for x in steps(7.0, 26, 1.2)]
+    spots += [(x, GALLERY, -0.5) for x in steps(7.0, 23, 0.5)]
+    spots += [(EAST + 0.5, GALLERY, z) for z in steps(0.7, 13, 0.7)]
+    spots += [(x, 0.05, z) for x in (WEST + 0.5, BACK_EAST - 0.5) for z in steps(1.5, 13, 1.0)]
+    spots += [(WEST + 1.5, GALLERY + 0.2, 2.75), (EAST - 0.65, GALLERY + 0.7, -0.5)]
+    parts = [scatter(pot, np.array(spots))]
+    for number, (x, y, z) in enumerate(spots):
+        huge = number >= len(spots) - 2
+        count = 32_000 if huge else int(3700 * (0.4 + 1.2 * random.random()))
+        where = cloud(random, count, (x, y + 0.75, z), (0.38, 0.42, 0.38), 0.1)
+        parts.append(leaves(random, where, 0.05))
     return join(*parts)
 
 
-def lights() -> np.ndarray:
-    """Lanterns under the arches."""
-    x = np.arange(-20, 21, 3.1)
-    places = np.column_stack([np.tile(x, 2), np.full(2 * len(x), 2.9), np.repeat([-8.4, 8.4], len(x))])
-    return scatter(join(sphere(0.16, 40, 64), torus(0.17, 0.02, 64, 12)), places)
+def tree(random: np.random.Generator) -> np.ndarray:
+    """A planter with a spreading tree: limbs and single leaves in clouds about their ends."""
+    foot = np.array([PLANTER[0], 0.4, PLANTER[1]])
+    wood, ends = branches(random, foot, 6.0, 11.0, 30, 12)
+    clouds = [cloud(random, TREE_LEAVES // 30, end, (1.8, 1.2, 1.8), 0.15) for end in ends]
+    crown = [leaves(random, points, 0.13, leaf(2)) for points in clouds]
+    basin = [(1.0, 0), (1.05, 0.5), (0.95, 0.55), (0.85, 0.5), (0.85, 0.4), (0, 0.4)]
+    return join(revolve(np.array(basin), 64) + (foot - [0, 0.4, 0]), wood, *crown)
+
+
+def ivy(random: np.random.Generator) -> np.ndarray:
+    """Leaves on the south wall and down from the roof's edge."""
+    count = 12_000
+    along = between(random, WEST, EAST, count)
+    hang = random.random(count) * random.random(count) * (3.2 + 1.5 * sin(1.7 * along))
+    points = np.column_stack([along, ROOF - 0.2 - hang, SOUTH - 0.05 - 0.15 * random.random(count)])
+    return leaves(random, points, 0.12)
 
 
 def stand_in(seed: int) -> np.ndarray:
     """About 9.4 million triangles, z up in metres: float32[n,3,3]."""
     random = generator(seed)
-    parts = [building(random), fountain() + [0.0, 0, 0], dining(random), pots(random), ivy(random), lights()]
-    parts += [tree(random, foot) for foot in TREES]
     turned = []
-    while parts:
-        part = parts.pop(0) + MIDDLE.astype(np.float32)
+    for make in (building, lanterns, dining, pot_plants, tree, ivy):
+        part = make(random)
         turned.append(on_lattice(np.stack([part[..., 0], -part[..., 2], part[..., 1]], axis=-1), 128.0, 22))
     return join(*turned)
 
 
+VIEWS = (
+    View((6.37319, -5.62511, 1.53861), (7.09618, -4.94254, 1.64532), (0, 0, 1), 84.0, "courtyard"),
+    View((27.6255, -2.42353, 1.49616), (26.6582, -2.17012, 1.48803), (0, 0, 1), 84.0, "tables"),
+)
 RECIPE = Recipe(
     name="san-miguel",
     title="San Miguel",
@@ -250,11 +284,8 @@ RECIPE = Recipe(
         ("san_miguel_a.npz", "680e30683c3ab3669fd671d426b6de127738f4cb2905f7d01d683cbf186386c0"),
         ("san_miguel_b.npz", "0aec474a6b9137a62c829e92fe0a6f484ace4b54737c104a0e21265dcf365a87"),
     ),
-    real_views=(
-        View((6.37319, -5.62511, 1.53861), (7.09618, -4.94254, 1.64532), (0, 0, 1), 84.0, "courtyard"),
-        View((27.6255, -2.42353, 1.49616), (26.6582, -2.17012, 1.48803), (0, 0, 1), 84.0, "tables"),
-    ),
-    stand_in_views=(View((-9.5, -11.5, 2.6), (9.0, -3.0, 2.2), (0, 0, 1), 62.0, "courtyard"),),
+    real_views=VIEWS,
+    stand_in_views=VIEWS[:1],
     stand_in=stand_in,
     licence="CC BY 3.0",
     credit="Guillermo M. Leal Llaguno",

@@ -1,13 +1,17 @@
 """Building blocks of the stand-in scenes.
 
 Every shape is float64[n,3,3]: n triangles of three corners, in scene units, y up unless a function says
-otherwise. A generator joins shapes and ends with `on_lattice`, which rounds to float32 on a lattice so coarse
-that differences in the last bits of sine and cosine between machines vanish.
+otherwise. A generator joins shapes and ends with `on_lattice`, which rounds to float32. Sines and products of
+matrices are computed so that every machine makes the same bits (see `elementary`).
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+
+from scenes.elementary import PI, TURN, arctan2, cos, sin
 
 # Directions that no axis of a scene is parallel to: a tube's first frame starts from one of them.
 _REFERENCES = np.array([[0.36, 0.48, 0.8], [0.8, -0.6, 0.0]])
@@ -26,7 +30,8 @@ def on_lattice(triangles: np.ndarray, size: float, bits: int = 18) -> np.ndarray
 
     `size`: the scene's largest extent; `bits` at most 22, so that float32 holds every multiple exactly.
     """
-    step = 2.0 ** (np.ceil(np.log2(size)) - bits)
+    mantissa, exponent = math.frexp(size)
+    step = 2.0 ** (exponent - (mantissa == 0.5) - bits)
     rounded = np.empty(triangles.shape, np.float32)
     for first in range(0, len(triangles), 1 << 18):
         rounded[first : first + (1 << 18)] = np.rint(triangles[first : first + (1 << 18)] / step) * step
@@ -52,7 +57,7 @@ def placement(offset=(0, 0, 0), scale=1.0, yaw=0.0, pitch=0.0, roll=0.0) -> np.n
     scale = np.broadcast_to(scale, np.broadcast_shapes(scale.shape, (3,)))
     angles = [np.asarray(a, np.float64) for a in (yaw, pitch, roll)]
     shape = np.broadcast_shapes(offset.shape[:-1], scale.shape[:-1], *(a.shape for a in angles))
-    turn = _turn(angles[0], 1) @ _turn(angles[1], 0) @ _turn(angles[2], 2)
+    turn = _product(_product(_turn(angles[0], 1), _turn(angles[1], 0)), _turn(angles[2], 2))
     matrix = np.zeros((*shape, 4, 4))
     matrix[..., :3, :3] = turn * scale[..., None, :]
     matrix[..., :3, 3] = offset
@@ -65,20 +70,25 @@ def _turn(angle: np.ndarray, axis: int) -> np.ndarray:
     matrix = np.zeros((*angle.shape, 3, 3))
     b, c = (axis + 1) % 3, (axis + 2) % 3
     matrix[..., axis, axis] = 1
-    matrix[..., b, b] = matrix[..., c, c] = np.cos(angle)
-    matrix[..., c, b] = np.sin(angle)
-    matrix[..., b, c] = -np.sin(angle)
+    matrix[..., b, b] = matrix[..., c, c] = cos(angle)
+    matrix[..., c, b] = sin(angle)
+    matrix[..., b, c] = -sin(angle)
     return matrix
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Of matrices [...,3,3], summed in a fixed order."""
+    return sum(a[..., :, k, None] * b[..., None, k, :] for k in range(3))
 
 
 def instances(template: np.ndarray, transforms: np.ndarray) -> np.ndarray:
     """Copies of a template float[n,3,3] under each of float[k,4,4] (or one [4,4]) transforms: [k*n,3,3]."""
     transforms = np.asarray(transforms, np.float64).reshape(-1, 4, 4)
-    corners = np.asarray(template, np.float64).reshape(-1, 3)
-    placed = np.empty((len(transforms), len(corners), 3))
+    x, y, z = (np.ascontiguousarray(part) for part in np.asarray(template, np.float64).reshape(-1, 3).T)
+    placed = np.empty((len(transforms), len(x), 3))
     for copy, matrix in zip(placed, transforms, strict=True):
-        np.matmul(corners, matrix[:3, :3].T, out=copy)
-        copy += matrix[:3, 3]
+        for axis, (a, b, c, moved) in enumerate(matrix[:3]):
+            copy[:, axis] = ((a * x + b * y) + c * z) + moved
     return placed.reshape(-1, 3, 3)
 
 
@@ -147,24 +157,32 @@ def revolve(profile: np.ndarray, sides: int) -> np.ndarray:
     2*(m-1)*sides triangles, fewer where the radius is exactly 0.
     """
     profile = np.asarray(profile, np.float64)
-    angle = -2 * np.pi * np.arange(sides) / sides
-    x, z = (profile[:, :1] * trig(angle) for trig in (np.cos, np.sin))
+    angle = -TURN * np.arange(sides) / sides
+    x, z = (profile[:, :1] * trig(angle) for trig in (cos, sin))
     y = np.broadcast_to(profile[:, 1:], x.shape)
     return proper(grid(np.stack([x, y, z], axis=-1), wrap_columns=True))
 
 
+def resampled(profile: np.ndarray, count: int) -> np.ndarray:
+    """`count` points float64[count,m] spread over the corners of a polyline float[k,m], the ends included."""
+    profile = np.asarray(profile, np.float64)
+    at = (len(profile) - 1) * np.arange(count) / (count - 1)
+    first = np.minimum(at.astype(np.int64), len(profile) - 2)
+    return profile[first] + (at - first)[:, None] * (profile[first + 1] - profile[first])
+
+
 def sphere(radius: float = 1.0, rings: int = 8, sides: int = 16, centre=(0, 0, 0)) -> np.ndarray:
     """A closed sphere of 2*sides*(rings-1) triangles."""
-    angle = np.pi * np.arange(rings + 1) / rings
-    profile = np.stack([radius * np.sin(angle), -radius * np.cos(angle)], axis=1)
+    angle = PI * np.arange(rings + 1) / rings
+    profile = np.stack([radius * sin(angle), -radius * cos(angle)], axis=1)
     profile[[0, -1], 0] = 0
     return revolve(profile, sides) + np.asarray(centre, np.float64)
 
 
 def torus(ring: float, radius: float, segments: int, sides: int) -> np.ndarray:
     """A closed torus about the y axis: `ring` radius of its middle line; 2*segments*sides triangles."""
-    angle = 2 * np.pi * np.arange(segments) / segments
-    curve = np.stack([ring * np.cos(angle), np.zeros(segments), ring * np.sin(angle)], axis=1)
+    angle = TURN * np.arange(segments) / segments
+    curve = np.stack([ring * cos(angle), np.zeros(segments), ring * sin(angle)], axis=1)
     return tubes(curve, radius, sides, closed=True)
 
 
@@ -177,7 +195,7 @@ def extrude(profile: np.ndarray, along, closed: bool = True) -> np.ndarray:
 def fan(outline: np.ndarray) -> np.ndarray:
     """A flat star-shaped polygon float[m,3] as m triangles about its mean point."""
     outline = np.asarray(outline, np.float64)
-    middle = np.broadcast_to(outline.mean(axis=0), outline.shape)
+    middle = np.broadcast_to(outline.sum(axis=0) / len(outline), outline.shape)
     return np.stack([middle, outline, np.roll(outline, -1, axis=0)], axis=1)
 
 
@@ -191,10 +209,10 @@ def tubes(curves: np.ndarray, radius=1.0, sides: int = 6, closed: bool = False) 
     curves = curves[None] if curves.ndim == 2 else curves
     radius = np.broadcast_to(np.asarray(radius, np.float64), curves.shape[:2])
     normal, binormal = _frames(curves, closed)
-    angle = 2 * np.pi * np.arange(sides) / sides
+    angle = TURN * np.arange(sides) / sides
     points = np.empty((*curves.shape[:2], sides, 3))
     for side in range(sides):
-        spoke = np.cos(angle[side]) * normal + np.sin(angle[side]) * binormal
+        spoke = cos(angle[side]) * normal + sin(angle[side]) * binormal
         points[:, :, side] = curves + radius[..., None] * spoke
     return grid(points, wrap_rows=closed, wrap_columns=True)
 
@@ -206,7 +224,7 @@ def _frames(curves: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
     else:
         tangent = np.gradient(curves, axis=1)
     tangent = unit(tangent)
-    steep = np.abs(tangent[:, 0] @ _REFERENCES[0]) > 0.9
+    steep = np.abs((tangent[:, 0] * _REFERENCES[0]).sum(axis=-1)) > 0.9
     carried = np.where(steep[:, None], _REFERENCES[1], _REFERENCES[0])
     normal = np.empty_like(curves)
     for step in range(curves.shape[1]):
@@ -217,10 +235,10 @@ def _frames(curves: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
         last = _across(carried, tangent[:, 0])
         sine, cosine = (last * binormal[:, 0]).sum(axis=1), (last * normal[:, 0]).sum(axis=1)
         part = np.linspace(0, 1, curves.shape[1], endpoint=False)[:, None]
-        turn = -np.arctan2(sine, cosine)[:, None, None] * part
+        turn = -arctan2(sine, cosine)[:, None, None] * part
         normal, binormal = (
-            np.cos(turn) * normal + np.sin(turn) * binormal,
-            np.cos(turn) * binormal - np.sin(turn) * normal,
+            cos(turn) * normal + sin(turn) * binormal,
+            cos(turn) * binormal - sin(turn) * normal,
         )
     return normal, binormal
 

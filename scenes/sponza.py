@@ -6,6 +6,7 @@ import numpy as np
 
 from harness.data import View
 from scenes import Recipe, shapes
+from scenes.elementary import PI, TURN, cos, exp, power, sin
 
 _LOWER, _UPPER = (-1921.0, -126.0, -1183.0), (1800.0, 1429.0, 1105.0)
 _MIDDLE = -40.0  # z of the atrium's axis, about which both sides mirror each other
@@ -22,7 +23,7 @@ def stand_in(seed: int) -> np.ndarray:
     for sign in (1.0, -1.0):
         side = shapes.join(_arcade(), _gallery(), _walls(), _drapes(random), _swags(random), _pots(random))
         sides.append(side * (1, 1, sign) + (0, 0, _MIDDLE))
-    ends = [_end(x, turn, random) for x, turn in ((-1560.0, 0.0), (1560.0, np.pi))]
+    ends = [_end(x, turn, random) for x, turn in ((-1560.0, 0.0), (1560.0, PI))]
     return shapes.on_lattice(shapes.join(_shell(), *ends, *sides), 4096.0)
 
 
@@ -43,7 +44,7 @@ def _column(height: float, radius: float, rings: int, sides: int) -> np.ndarray:
     """A column on its base with a capital, from y = 0 to `height`."""
     shaft = 0.10 + 0.74 * np.linspace(0, 1, rings)
     profile = [(1.45, 0), (1.45, 0.03), (1.2, 0.035), (1.35, 0.05), (1.35, 0.065), (1.1, 0.075), (1.2, 0.09)]
-    profile += [(1 - 0.15 * (y - 0.1) ** 2, y) for y in shaft]
+    profile += [(1 - 0.15 * (y - 0.1) * (y - 0.1), y) for y in shaft]
     profile += [(1.05, 0.85), (0.95, 0.86), (0.95, 0.88), (1.1, 0.92), (1.4, 0.96), (1.5, 0.965)]
     turned = shapes.revolve(np.array(profile) * (radius, height), sides)
     half = 1.6 * radius
@@ -55,17 +56,17 @@ def _leaves(height: float, radius: float) -> np.ndarray:
     """Eight curled leaves about the capital."""
 
     def leaf(s, t):
-        across = (s - 0.5) * 0.6 * radius * np.sin(np.pi * (0.15 + 0.85 * t)) ** 0.5
-        out = radius * (0.98 + 0.55 * t**3 - 0.12 * np.cos(4 * np.pi * s))
-        return across, height * (0.86 + 0.1 * t - 0.05 * t**6), out
+        across = (s - 0.5) * 0.6 * radius * np.sqrt(sin(PI * (0.15 + 0.85 * t)))
+        out = radius * (0.98 + 0.55 * t * t * t - 0.12 * cos(4 * PI * s))
+        return across, height * (0.86 + 0.1 * t - 0.05 * power(t, 6)), out
 
-    return shapes.scatter(shapes.surface(leaf, 6, 4), np.zeros((8, 3)), 1.0, np.arange(8) * np.pi / 4)
+    return shapes.scatter(shapes.surface(leaf, 6, 4), np.zeros((8, 3)), 1.0, np.arange(8) * PI / 4)
 
 
 def _arch(width: float, spring: float, top: float, depth: float, steps: int) -> np.ndarray:
     """A round arch about z = 0 with a moulded rim and the wall above it up to `top`; x from 0 to `width`."""
-    angle = np.pi * np.linspace(0, 1, steps + 1)
-    along = np.stack([-np.cos(angle), np.sin(angle)], axis=1)
+    angle = PI * np.linspace(0, 1, steps + 1)
+    along = np.stack([-cos(angle), sin(angle)], axis=1)
     radius, half = 0.42 * width, depth / 2
 
     def ring(grow, z):
@@ -121,7 +122,7 @@ def _walls() -> np.ndarray:
     """The aisle's wall with doors, the floor of the gallery, the vaults under it, and rooms behind the wall."""
 
     def vault(s, t):
-        rise = 120 * np.sqrt(np.maximum(np.sin(np.pi * s), np.sin(np.pi * t)))
+        rise = 120 * np.sqrt(np.maximum(sin(PI * s), sin(PI * t)))
         return _BAY * s, 340 + rise, _NAVE + 30 + (_AISLE - _NAVE - 30) * t
 
     starts = np.column_stack([_START + _BAY * np.arange(_BAYS), np.zeros(_BAYS), np.zeros(_BAYS)])
@@ -150,9 +151,9 @@ def _drapes(random: np.random.Generator) -> np.ndarray:
         x0, drawn, folds = _START + _BAY * bay + 40, 0.15 * a[0], 6 + int(4 * a[1])
 
         def cloth(s, t, a=a, x0=x0, drawn=drawn, folds=folds):
-            wave = np.sin(2 * np.pi * (folds * s + a[2])) + 0.35 * np.sin(2 * np.pi * (2.3 * folds * s + a[3] + t))
-            sway = 10 * np.sin(np.pi * t) * np.sin(2 * np.pi * (s + a[4]))
-            x = x0 + 160 * (s * (1 - drawn * np.sin(np.pi * t)) + 0.02 * wave * (1 - t))
+            wave = sin(TURN * (folds * s + a[2])) + 0.35 * sin(TURN * (2.3 * folds * s + a[3] + t))
+            sway = 10 * sin(PI * t) * sin(TURN * (s + a[4]))
+            x = x0 + 160 * (s * (1 - drawn * sin(PI * t)) + 0.02 * wave * (1 - t))
             return x, 12 + 258 * t, _NAVE + 12 + (11 - 5 * t) * wave + sway
 
         rod = shapes.tubes(np.array([[x0 - 10, 272, _NAVE + 12], [x0 + 170, 272, _NAVE + 12]]), 3.0, 10)
@@ -171,9 +172,9 @@ def _swags(random: np.random.Generator) -> np.ndarray:
 
         def cloth(s, t, a=a, x0=x0):
             sag = (0.3 + 0.7 * (1 - (2 * s - 1) ** 2)) * t
-            fold = np.sin(2 * np.pi * (4 * t + a[0])) * np.sin(np.pi * s)
-            crease = np.sin(2 * np.pi * (5 * s + a[1])) * np.exp(-4 * t)
-            out = 24 + (16 + 8 * a[2]) * np.sin(np.pi * t) * np.sin(np.pi * s) + 6 * fold * t + 5 * crease
+            fold = sin(TURN * (4 * t + a[0])) * sin(PI * s)
+            crease = sin(TURN * (5 * s + a[1])) * exp(-4 * t)
+            out = 24 + (16 + 8 * a[2]) * sin(PI * t) * sin(PI * s) + 6 * fold * t + 5 * crease
             return x0 + 216 * s, 540 - 230 * sag, 212 - out
 
         parts.append(shapes.surface(cloth, 30, 40))
@@ -190,11 +191,11 @@ def _vase() -> np.ndarray:
 
 def _lamp() -> np.ndarray:
     """A dish on a chain, from y = 160 up to the arch."""
-    link = shapes.instances(shapes.torus(4.4, 1.1, 10, 5), shapes.placement(scale=(1, 1, 1.5), pitch=np.pi / 2))
+    link = shapes.instances(shapes.torus(4.4, 1.1, 10, 5), shapes.placement(scale=(1, 1, 1.5), pitch=PI / 2))
     number = np.arange(18)
     heights = np.column_stack([0 * number, 190 + 7.3 * number, 0 * number])
     dish = [(0, 160), (14, 162), (24, 170), (26, 180), (22, 186), (6, 188), (0, 190)]
-    chain = shapes.scatter(link, heights, 1.0, np.pi / 2 * (number % 2))
+    chain = shapes.scatter(link, heights, 1.0, PI / 2 * (number % 2))
     return shapes.join(chain, shapes.revolve(np.array(dish, float), 24))
 
 
@@ -215,17 +216,17 @@ def _plant(random: np.random.Generator, leaves: int) -> np.ndarray:
     """A bush of bent leaves about the origin, some 60 high."""
 
     def blade(s, t):
-        return (s - 0.5) * 0.5 * np.sin(np.pi * (0.08 + 0.9 * t)), 0.3 * t - 0.5 * t**2 + 0.1 * np.abs(s - 0.5), t
+        return (s - 0.5) * 0.5 * sin(PI * (0.08 + 0.9 * t)), 0.3 * t - 0.5 * t**2 + 0.1 * np.abs(s - 0.5), t
 
-    turn, lift = 2 * np.pi * random.random(leaves), -1.3 * random.random(leaves)
+    turn, lift = TURN * random.random(leaves), -1.3 * random.random(leaves)
     size, reach = 12 + 16 * random.random(leaves), 18 * random.random(leaves)
-    where = np.stack([reach * np.sin(turn), 38 * random.random(leaves) - 6, reach * np.cos(turn)], axis=1)
+    where = np.stack([reach * sin(turn), 38 * random.random(leaves) - 6, reach * cos(turn)], axis=1)
     return shapes.instances(shapes.surface(blade, 5, 2), shapes.placement(where, size[:, None], turn, lift))
 
 
 def _end(x: float, turn: float, random: np.random.Generator) -> np.ndarray:
     """An end wall across the atrium: a gate on columns about a lion's head in a round frame."""
-    quarter = np.pi / 2
+    quarter = PI / 2
     gate = _arch(420.0, 330.0, 900.0, 60.0, 40) - (210, 0, 0)
     whole = shapes.join(
         shapes.quad((0, 0, -_AISLE), (0, 0, 2 * _AISLE), (0, _TOP, 0), 2, 1),
@@ -243,15 +244,15 @@ def _lion(random: np.random.Generator) -> np.ndarray:
     locks = random.random(3)
 
     def face(s, t):
-        angle, r = 2 * np.pi * s, 1.15 * t
-        x, y = r * np.cos(angle), r * np.sin(angle)
+        angle, r = TURN * s, 1.15 * t
+        x, y = r * cos(angle), r * sin(angle)
 
         def bump(cx, cy, wide, high):
-            return np.exp(-(((np.abs(x) - cx) / wide) ** 2 + ((y - cy) / high) ** 2))
+            return exp(-(((np.abs(x) - cx) / wide) ** 2 + ((y - cy) / high) ** 2))
 
-        z = 0.75 * np.exp(-((r / 0.75) ** 4)) + 0.35 * bump(0, -0.15, 0.2, 0.3) + 0.14 * bump(0.17, -0.3, 0.14, 0.12)
+        z = 0.75 * exp(-power(r / 0.75, 4)) + 0.35 * bump(0, -0.15, 0.2, 0.3) + 0.14 * bump(0.17, -0.3, 0.14, 0.12)
         z = z + 0.16 * bump(0.27, 0.3, 0.17, 0.08) - 0.18 * bump(0.25, 0.14, 0.09, 0.06)
-        mane = np.sin(13 * angle + 7 * r + 6 * locks[0]) + 0.5 * np.sin(31 * angle - 9 * r + 6 * locks[1])
+        mane = sin(13 * angle + 7 * r + 6 * locks[0]) + 0.5 * sin(31 * angle - 9 * r + 6 * locks[1])
         return x, y, z - 0.3 * bump(0, -0.52, 0.2, 0.07) + 0.11 * mane * np.clip((r - 0.5) / 0.2, 0, 1) + 0.05
 
     return shapes.surface(face, 52, 150, wrap_columns=True)

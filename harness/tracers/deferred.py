@@ -12,12 +12,13 @@ from typing import Literal
 import numpy as np
 from pydantic import field_validator
 
+from harness.data import Counters, Rays
 from harness.device import Device
 from harness.intersectors import LANES
 from harness.program import Program
 from harness.runtime import cl
 from harness.stopwatch import Stopwatch
-from harness.tracers._base import Batch, BatchTooLarge, DeviceOptions, DeviceTracer
+from harness.tracers._base import COUNTERS, Batch, BatchTooLarge, DeviceOptions, DeviceTracer
 
 ENDLESS = 1 << 30  # more non-empty cells than a ray can meet
 LONGEST_WAVE = 4096  # cells; beyond, say `all`
@@ -84,6 +85,23 @@ class Deferred(DeviceTracer):
                 active, spare = spare, active
                 self._count_finished(active_count - kept)
                 active_count = kept
+
+    def walk_counts(self, rays: Rays) -> Counters:
+        """Steps and pairs of walking every ray to its t_max, without testing a triangle."""
+        self.counters, counted = cl.array.zeros(self.device.queue, len(COUNTERS), np.uint64), Counters()
+        walk = self.program("traverse.cl", grid=True, walk_lanes=self.lanes)
+        cell_count = cl.array.zeros(self.device.queue, self.grid.nonempty + 1, np.int32)
+        for first in range(0, len(rays), self.batch_size):
+            batch = Batch(self.device, rays[first : first + self.batch_size])
+            self.start(batch)
+            active = cl.array.arange(self.device.queue, batch.count, dtype=np.int32)
+            arguments = (batch.count, active, batch.rays, batch.keys, *self.grid.arguments, ENDLESS)
+            outputs = (batch.positions, batch.t_exit, cell_count, *self.counting)
+            walk.launch("count_pairs", -(-batch.count // self.lanes), *arguments, *outputs)
+        for name, value in zip(COUNTERS, self.counters.get(), strict=True):
+            setattr(counted, name, int(value))
+        self.counters = None
+        return counted
 
     def _count_wave(self, bins: _Bins) -> None:
         if self.counters is not None:
