@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ SAMPLES = 16  # occlusion rays a pixel
 FACING = 0.35  # share of the shade that follows the angle to the eye, so that open surfaces keep their shape
 BACKGROUND = 0.5
 SEED = 7
+STAND_IN = "-stand-in.png"  # ends the name of the picture of a real scene's stand-in
 
 
 class Renderer:
@@ -64,22 +67,36 @@ class Renderer:
 
 
 def write_views(folder: Path, names: list[str], device) -> list[Path]:
-    """Render the first view of each scene to `folder`/SCENE.png; pictures that exist stay as they are."""
-    from PIL import Image
+    """Render the first view of each scene to `folder`/SCENE.png; pictures that exist stay as they are.
 
+    A real scene that has a stand-in gets that one's picture too, SCENE-stand-in.png.
+    """
     from harness.ladder import split_size
     from harness.measure import shared_scene
+    from harness.scene import is_real, stand_in_scene
+    from scenes import recipes
 
     written = []
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         if split_size(name)[1] != "1":
             continue  # a rung of the size ladder looks as its full scene does
-        file = folder / f"{name}.png"
-        if not file.is_file():
-            setting = shared_scene(name, device).setting
-            part = file.with_suffix(".part")
-            Image.fromarray(Renderer(setting).render(setting.scene.views[0])).save(part, format="png")
-            part.replace(file)
-            written.append(file)
+        written += _write(folder / f"{name}.png", lambda name=name: shared_scene(name, device).setting)
+        recipe = recipes().get(name)
+        if recipe and recipe.stand_in and is_real(recipe):
+            stand_in = partial(stand_in_scene, recipe)
+            written += _write(folder / f"{name}{STAND_IN}", lambda made=stand_in: Setting.on_device(made(), device))
     return written
+
+
+def _write(file: Path, setting_of: Callable[[], Setting]) -> list[Path]:
+    """Render one picture unless it exists; the files written."""
+    from PIL import Image
+
+    if file.is_file():
+        return []
+    setting = setting_of()
+    part = file.with_suffix(".part")
+    Image.fromarray(Renderer(setting).render(setting.scene.views[0])).save(part, format="png")
+    part.replace(file)
+    return [file]

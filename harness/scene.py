@@ -76,6 +76,11 @@ def list_scenes() -> list[SceneStatus]:
     return [_status(recipe) for recipe in recipes().values()]
 
 
+def is_real(recipe: Recipe) -> bool:
+    """Whether the recipe's real geometry is at hand, without loading it."""
+    return _status(recipe).source == "real"
+
+
 def _status(recipe: Recipe) -> SceneStatus:
     triangles, real, fetched = recipe.triangles, _real_files(recipe), fetched_file(recipe.name)
     if real:
