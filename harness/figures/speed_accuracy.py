@@ -71,7 +71,8 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
             "those that none beats at all. Colour is the tracer, the mark its ray/triangle test; beaten points are "
             "pale, but for the default variant, which is on the deferred tracer's frontier, or within the noise of "
             f"it, on {near}. Embree runs its own hierarchy and vector code on all cores: the outside reference. "
-            f"{rays_note(numbers)}")
+            f"{rays_note(numbers)} So few favour forward tracing and Embree: deferral gains with their number, as "
+            "the figure of whole traces shows; compare the variants of one tracer.")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
