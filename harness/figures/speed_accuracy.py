@@ -71,7 +71,8 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
             "those that none beats at all. Colour is the tracer, the mark its ray/triangle test; beaten points are "
             "pale, but for the default variant, which is on the deferred tracer's frontier, or within the noise of "
             f"it, on {near}. Embree runs its own hierarchy and vector code on all cores: the outside reference. "
-            f"{rays_note(numbers)}")
+            f"{rays_note(numbers)} So few favour forward tracing and Embree: deferral gains with their number, as "
+            "the figure of whole traces shows; compare the variants of one tracer.")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
@@ -134,7 +135,7 @@ def _names(axis, rows: pd.DataFrame) -> None:
     to_axis = axis.transScale + axis.transLimits
     points = [tuple(map(float, to_axis.transform(point))) for point in
               zip(rows["minus_log10_leak_bound"], rows["total_mrays_per_s"], strict=True)]
-    heights = style.spread([y for _, y in points], 0.075, 0.03, 0.97)
+    heights = style.spread([y for _, y in points], 0.095, 0.03, 0.97)
     for row, (x, y), height in zip(rows.itertuples(), points, heights, strict=True):
         colour = style.of_tracer(row.tracer)[0]
         text = textwrap.fill(f"{row.series} (default)" if row.default else row.series, 24)
