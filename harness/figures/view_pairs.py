@@ -31,8 +31,8 @@ def _stand_in_file(runs: Runs, name: str):
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """What the panels show."""
     return ("The real scene and the geometry generated in its stead, each from its first view, shaded by ambient "
-            "occlusion. A stand-in is calibrated to lie in grids and to meet diffuse rays as the real scene does, and "
-            "modelled no further than that takes.")
+            "occlusion. A stand-in is calibrated to lie in grids and to meet diffuse rays as the real scene does, "
+            "and modelled no further than that takes.")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
