@@ -194,6 +194,7 @@ class AccuracyGroup:
                     "source": scene.source,
                     "triangles": len(scene),
                     "sha256": scene.sha256,
+                    "views": scene.views_from,
                 },
                 "variant": str(contender),
                 "tracer": variant.tracer,
