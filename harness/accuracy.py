@@ -21,7 +21,7 @@ from harness.data import MISS, GridSpec, Hits, Rays
 from harness.errors import DefrayError, known
 from harness.exact import measure
 from harness.grid import BINNINGS, build_grid
-from harness.measure import SharedScene
+from harness.measure import SharedScene, scene_facts
 from harness.plan import check_variant, needs_grid
 from harness.spec import RunSpec, Variant
 from harness.stopwatch import Stopwatch
@@ -189,13 +189,7 @@ class AccuracyGroup:
             contender, variant, count = entry.contender, entry.contender.variant, len(self.rays)
             yield {
                 "schema": SCHEMA,
-                "scene": {
-                    "name": scene.name,
-                    "source": scene.source,
-                    "triangles": len(scene),
-                    "sha256": scene.sha256,
-                    "views": scene.views_from,
-                },
+                "scene": scene_facts(scene),
                 "variant": str(contender),
                 "tracer": variant.tracer,
                 "intersector": variant.intersector,

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.options import DeviceOption, JsonOption
+
 if TYPE_CHECKING:
     from harness.accuracy import Contender, Plan
 
@@ -52,10 +54,8 @@ def accuracy(
     resume: Annotated[
         bool, typer.Option("--resume", help="Keep the rows on file and measure what is missing.")
     ] = False,
-    device: Annotated[
-        str | None, typer.Option(metavar="PART", help="Part of a device's name in 'defray doctor'.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON, nothing else there.")] = False,
+    device: DeviceOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Chart speed against accuracy: rate, leaks of aimed rays and errors of t for many variants of tracers."""
     from harness.accuracy import Contender
@@ -85,10 +85,8 @@ def recommend(
             "--from", metavar="DIR", help="Folder with accuracy.jsonl; results/out, then results/reference/*."
         ),
     ] = None,
-    device: Annotated[
-        str | None, typer.Option(metavar="PART", help="Part of a device's name in 'defray doctor'.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else there.")] = False,
+    device: DeviceOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Name the fastest variant that is shown to be accurate enough; measures what the rows on file do not show."""
     from rich.console import Console

@@ -15,13 +15,12 @@ from pydantic import Field, ValidationError, model_validator
 from harness.errors import DefrayError
 from harness.record import (
     Agreement,
-    Machine,
     Part,
+    Provenance,
     Rate,
     RayFacts,
     RecordFile,
     RelativeError,
-    SceneFacts,
     first_problem,
 )
 
@@ -59,7 +58,7 @@ class AimedCounts(Part):
         return self
 
 
-class AccuracyRow(Part):
+class AccuracyRow(Provenance):
     """One variant on one scene.
 
     `variant` names tracer, intersector, options and binning in one text. `seconds`: from diffuse rays to hits, each
@@ -68,14 +67,6 @@ class AccuracyRow(Part):
     of the hit distance against the reference, over the scene's diagonal, at which a miss is counted.
     """
 
-    schema_: int = Field(alias="schema")
-    id: str
-    time_utc: str
-    command: str
-    commit: str
-    dirty: bool
-    machine: Machine
-    scene: SceneFacts
     variant: str
     tracer: str
     intersector: str | None
@@ -127,7 +118,7 @@ def accuracy_file(folder: Path, **options) -> RecordFile:
     return RecordFile(Path(folder) / FILE, validate=accuracy_row, **options)
 
 
-class PrecisionRow(Part):
+class PrecisionRow(Provenance):
     """Error and rate of one value of one knob on one scene: how much accuracy a rate costs.
 
     `knob`: `grid` (leaf cells an axis), `precision` (`half` vertices, `float`, `double` intersector) or `samples`
@@ -137,14 +128,6 @@ class PrecisionRow(Part):
     `rays`: behind `rate`.
     """
 
-    schema_: int = Field(alias="schema")
-    id: str
-    time_utc: str
-    command: str
-    commit: str
-    dirty: bool
-    machine: Machine
-    scene: SceneFacts
     knob: Literal["grid", "precision", "samples"]
     value: str
     variant: str

@@ -12,6 +12,7 @@ import typer
 
 from harness import accuracy_command
 from harness.errors import DefrayError
+from harness.options import DeviceOption, JsonOption
 from harness.scenes_command import scenes_app
 from harness.stability.command import stability
 
@@ -47,12 +48,6 @@ ReadingOption = Annotated[
 RepetitionsOption = Annotated[int, typer.Option(min=1, help="Timed repetitions.")]
 CheckOption = Annotated[
     str, typer.Option(help="Compare hits with 'embree' or with 'exact' arithmetic, or 'none' (no check).")
-]
-DeviceOption = Annotated[
-    str | None, typer.Option(metavar="PART", help="Part of a device's name in 'defray doctor'.")
-]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print JSON on standard output, nothing else there.")
 ]
 
 

@@ -191,17 +191,22 @@ def hits_hash(hits: Hits) -> str:
     return hashlib.sha256(hits.t.tobytes() + hits.primitive.tobytes()).hexdigest()
 
 
+def scene_facts(scene: Scene) -> dict:
+    """The `scene` part of a record."""
+    return {
+        "name": scene.name,
+        "source": scene.source,
+        "triangles": len(scene),
+        "sha256": scene.sha256,
+        "views": scene.views_from,
+    }
+
+
 def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
     """The body of a record: everything but identity, time and machine."""
     scene, rays, spec, tracer = group.shared.scene, group.rays, run.spec, run.tracer
     return {
-        "scene": {
-            "name": scene.name,
-            "source": scene.source,
-            "triangles": len(scene),
-            "sha256": scene.sha256,
-            "views": scene.views_from,
-        },
+        "scene": scene_facts(scene),
         "view": None if rays.kind in ("random", "file") else spec.view or scene.views[0].name,
         "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
         "grid": group.setting.grid.describe() if tracer.needs_grid else None,

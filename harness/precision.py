@@ -15,7 +15,7 @@ from harness.check import Checker
 from harness.data import GridSpec, Hits, Rays, Scene
 from harness.exact import zero_area
 from harness.grid import build_grid
-from harness.measure import SharedScene
+from harness.measure import SharedScene, scene_facts
 from harness.plan import check_variant
 from harness.rays import bounce, find_view, image_rays, primary_rays
 from harness.spec import Variant
@@ -129,10 +129,8 @@ class _Study:
 
     def row(self, knob: str, value: str, variant: str, rays: int, seconds: list[float]) -> dict:
         """What every row has."""
-        scene = self.scene
-        facts = {"name": scene.name, "source": scene.source, "triangles": len(scene), "sha256": scene.sha256}
-        return {"schema": SCHEMA, "scene": facts, "knob": knob, "value": value, "variant": variant, "rays": rays,
-                "seconds": seconds, "rate": stats.interval(stats.rates_of(seconds, rays)).as_dict()}
+        return {"schema": SCHEMA, "scene": scene_facts(self.scene), "knob": knob, "value": value, "variant": variant,
+                "rays": rays, "seconds": seconds, "rate": stats.interval(stats.rates_of(seconds, rays)).as_dict()}
 
     def images(self, tell: Tell) -> tuple[float, list[dict]]:
         """Error of the image that half precision makes, and the rows of `samples`.

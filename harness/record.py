@@ -152,8 +152,8 @@ class Agreement(Part):
     t_relative_error: RelativeError | None
 
 
-class Record(Part):
-    """One run as stored. A run that is not valid has no rate."""
+class Provenance(Part):
+    """What every stored row says of itself: schema, identity, when, by which command of which commit, where."""
 
     schema_: int = Field(alias="schema")
     id: str
@@ -163,6 +163,11 @@ class Record(Part):
     dirty: bool
     machine: Machine
     scene: SceneFacts
+
+
+class Record(Provenance):
+    """One run as stored. A run that is not valid has no rate."""
+
     view: str | None
     rays: RayFacts
     grid: GridFacts | None

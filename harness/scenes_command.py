@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from harness.options import DeviceOption, JsonOption
+
 scenes_app = typer.Typer(rich_markup_mode="rich")
 
 
@@ -22,10 +24,8 @@ def scenes(
     only: Annotated[
         str | None, typer.Option(metavar="A,B", help="Only these, with --calibration or --cost; all five else.")
     ] = None,
-    device: Annotated[
-        str | None, typer.Option(metavar="PART", help="Part of a device's name in 'defray doctor'.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON on standard output, nothing else there.")] = False,
+    device: DeviceOption = None,
+    json: JsonOption = False,
 ) -> None:
     """List the scenes: number of triangles, whether real, stand-in or missing, and where they come from."""
     if context.invoked_subcommand:

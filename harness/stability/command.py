@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from harness.options import DeviceOption, JsonOption
+
 
 def stability(
     intersector: Annotated[
@@ -21,10 +23,8 @@ def stability(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Also write DIR/stability.json, with test rates.")
     ] = None,
-    device: Annotated[
-        str | None, typer.Option(metavar="PART", help="Part of a device's name in 'defray doctor'.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON on standard output, nothing else there.")] = False,
+    device: DeviceOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Test intersectors where methods fail: edges, slivers, distance, degenerate input, the grid, ray offsets.
 
