@@ -83,9 +83,10 @@ def judge_offsets(
         normal *= -np.sign((normal * rays.directions[hit]).sum(axis=1))[:, None]
         point, bound = _interpolated(corners, u, v)
         origins = OFFSETS[case["method"]](point, bound, normal)
-        directions = normal + 0.999 * _units(len(hit), generator)
+        directions = _units(len(hit), generator)
+        directions *= np.where((directions * normal).sum(axis=1) < 0, -1.0, 1.0)[:, None]  # over the hemisphere
         limit = np.full(len(hit), np.inf, np.float32)
-        spawned = Rays(origins, _unit(directions).astype(np.float32), limit)
+        spawned = Rays(origins, directions.astype(np.float32), limit)
         again = _all_hits(device, triangles, spawned, intersector, contraction, SELF_HIT * case["scale"])
         moved = np.sqrt(((origins.astype(np.float64) - point) ** 2).sum(axis=1))
         result["rays"] += len(hit)

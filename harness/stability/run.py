@@ -108,14 +108,15 @@ class _SceneTrial:
         make = scenes.verify_inputs if self.verify else scenes.degenerate_inputs
         self.parts = [make(case, count, generator) for case, generator in generators(family)]
         self.digest = _hash_scenes(self.parts)
+        self.settings = [scenes.prepare(device, triangles) for triangles, _ in self.parts]
 
     def measure(self, intersector: Intersector, mode: str) -> list[dict]:
         """Metrics of every case."""
         tracer = "deferred" if self.verify else "brute"
         found = []
-        for triangles, rays in self.parts:
-            hits = scenes.trace(self.device, triangles, rays, tracer, intersector, mode)
-            found.append(scenes.judge_verify(hits) if self.verify else scenes.judge_degenerate(triangles, hits))
+        for (triangles, rays), setting in zip(self.parts, self.settings, strict=True):
+            hits = scenes.trace(setting, rays, tracer, intersector, mode)
+            found.append(scenes.judge_verify(hits) if self.verify else scenes.judge_degenerate(triangles, rays, hits))
         return found
 
 
