@@ -85,7 +85,8 @@ def stability(families=("W1", "W2", "A1", "A2", "A3", "D1")) -> dict:
         for mode in ("off", "on"):
             for family in families:
                 measures = family[0] == "A"
-                rows.append({"intersector": name, "contraction": mode, "family": family, "rays": 20_000,
+                rows.append({"intersector": name, "contraction": mode, "family": family, "size": "smoke",
+                             "rays": 20_000,
                              "leaks": None if measures else 900 * bad, "double_hits": 3 if family == "W2" else None,
                              "band_ulp": (1e3 if bad else 3.0) if measures else None,
                              "residual_p99_ulp": (1e5 if bad else 4.0 - place) if measures else None,
@@ -94,7 +95,7 @@ def stability(families=("W1", "W2", "A1", "A2", "A3", "D1")) -> dict:
             median = (150 - 10 * place) * 1e6
             rates.append({"intersector": name, "contraction": mode, "wrong": 0,
                           "tests_per_second": {"median": median, "low": 0.98 * median, "high": 1.02 * median}})
-    return {"schema": 1, "machine": MACHINE, "size": "smoke", "contracts": {"off": False, "on": True}, "rows": rows,
+    return {"schema": 1, "machine": MACHINE, "contracts": {"off": False, "on": True}, "rows": rows,
             "kernel_rates": rates}
 
 

@@ -122,6 +122,9 @@ def test_the_header_states_paper_cost_and_weakness(name):
     )
     for word in ("flops", "Bytes a triangle", "Watertight", "Known failures"):
         assert word in header
+    stated = int(re.search(r"flops: (\d+)", header).group(1))
+    assert stated == entry.flops and f"Bytes a triangle: {entry.bytes}" in header
+    assert ("Watertight: yes" in header) == entry.watertight
     surname = re.split(r"[ ,]", entry.cite.replace("ö", "o"))[0]
     assert surname in header
 

@@ -12,16 +12,21 @@ from typer.testing import CliRunner
 
 from harness import program
 from harness.cli import app
-from harness.data import Rays
+from harness.data import Hits, Rays
 from harness.errors import DefrayError
 from harness.intersectors import DEFAULT, INTERSECTORS, find
-from harness.stability import offsets, report
+from harness.stability import offsets, report, scenes
 from harness.stability.meshes import closed_mesh, icosphere
 from harness.stability.metrics import Judge, merge
 from harness.stability.pairs import Answers, Pairs, PairTester, contracts
 from harness.stability.run import ROW, TRIALS, check_inputs, chosen, generators, run_suite
 from harness.stability.suite import families, select
 
+ROW_ON_FILE = {
+    "intersector": "ray-space", "contraction": "off", "family": "A1", "size": "smoke", "rays": 10, "leaks": None,
+    "double_hits": None, "band_ulp": 0.5, "residual_p99_ulp": 1.0, "gross": 0, "nonfinite": 0, "self_hits": None,
+    "tunnels": None, "passed": True,
+}  # fmt: skip
 ROBUST = ("ray-space", "ray-space-orthonormal", "woop-benthin-wald-kahan")
 
 
@@ -131,6 +136,12 @@ def test_waechter_binder_tunnels_through_small_shapes(device):
     assert metrics["tunnels"] > 0 and not family.passes(metrics)
 
 
+def test_an_intersector_that_misses_everything_fails_the_degenerate_scene():
+    triangles, rays = scenes.degenerate_inputs({}, 500, np.random.default_rng(3))
+    none = np.full(500, np.inf, np.float32), np.full(500, -1, np.int32), *np.zeros((2, 500), np.float32)
+    assert scenes.judge_degenerate(triangles, rays, Hits(*none))["gross"] > 100
+
+
 # ---------------------------------------------------------------- the judge can fail
 
 
@@ -220,23 +231,44 @@ def test_the_command_prints_json_and_writes_a_file_that_reads_back(tmp_path):
     assert [(row["contraction"], row["passed"]) for row in rows] == [("off", True), ("on", True)]
     results = report.read_results(tmp_path)
     assert [row.model_dump() for row in results.rows] == rows
-    assert all(rate.tests_per_second["median"] > 0 for rate in results.kernel_rates)
+    assert all(rate.tests_per_second.median > 0 for rate in results.kernel_rates)
 
 
 def test_a_results_file_of_another_schema_or_with_unknown_keys_is_refused(tmp_path):
-    good = {"schema": 1, "machine": {}, "size": "full", "contracts": {}, "rows": []}
+    good = {"schema": 1, "machine": {}, "contracts": {}, "rows": []}
     file = tmp_path / report.FILE
     file.write_text(json.dumps(good))
     assert report.read_results(tmp_path).rows == []
-    for change in ({"schema": 2}, {"more": 1}, {"rows": [{"passed": True}]}):
-        file.write_text(json.dumps(good | change))
+    changes = [{"schema": 2}, {"more": 1}, {"rows": [{"passed": True}]}]
+    changes += [{"rows": [ROW_ON_FILE | wrong]} for wrong in ({"rays": 0}, {"family": "Z9"}, {"band_ulp": np.nan})]
+    assert report.Results(**good | {"rows": [ROW_ON_FILE]}).rows[0].passed
+    for text in [json.dumps(good | change) for change in changes] + ["[]", "{", '{"schema_": 1}']:
+        file.write_text(text)
         with pytest.raises(DefrayError, match=r"stability.json"):
             report.read_results(tmp_path)
+
+
+def test_a_second_run_adds_to_the_file_and_another_device_is_refused(tmp_path):
+    file = report.ResultsFile(tmp_path, {"device": "one"}, {"off": False, "on": True})
+    file.add([ROW_ON_FILE, ROW_ON_FILE | {"family": "W2"}])
+    again = report.ResultsFile(tmp_path, {"device": "one"}, {"off": False, "on": True})
+    again.add([ROW_ON_FILE | {"passed": False}])
+    rows = report.read_results(tmp_path).rows
+    assert [(row.family, row.passed) for row in rows] == [("A1", False), ("W2", True)]
+    with pytest.raises(DefrayError, match="holds results of one, not of two"):
+        report.ResultsFile(tmp_path, {"device": "two"}, {})
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_measuring(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DefrayError, match="cannot write to"):
+        report.ResultsFile(tmp_path / "file" / "below", {}, {})
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--family", ""], "unknown family ''; known: "),
         (["--family", "X9"], "unknown family 'X9'; known: "),
         (["--intersector", "best"], "unknown intersector 'best'"),
         (["--size", "tiny"], "--size is full or smoke, not 'tiny'"),

@@ -21,7 +21,7 @@ def stability(
     ] = None,
     size: Annotated[str, typer.Option(help="'full', a million aimed rays a family, or 'smoke'.")] = "full",
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Also write DIR/stability.json, with test rates.")
+        Path | None, typer.Option(metavar="DIR", help="Also add to DIR/stability.json, with test rates.")
     ] = None,
     device: DeviceOption = None,
     json: JsonOption = False,
@@ -42,12 +42,13 @@ def stability(
     if intersector not in ("all", "default"):
         find(intersector)
     opened = open_device(device)
-    entries = chosen(intersector, opened)
-    rows, rates = _measure(opened, entries, families, size, rated=out is not None)
-    if out is not None:
-        described = machine_description(opened)
-        data = {"machine": described, "size": size, "contracts": contracts(opened), "rows": rows}
-        report.write_results(out, report.Results(**data, kernel_rates=rates))
+    modes = contracts(opened)
+    for mode, expected in (("off", False), ("on", True)):
+        if modes[mode] is not expected:
+            verb = "contracts all the same" if modes[mode] else "does not contract"
+            print(f"note: with contraction {mode}, the compiler of {opened.name} {verb}", file=sys.stderr)
+    file = None if out is None else report.ResultsFile(out, machine_description(opened), modes)
+    rows = _measure(opened, chosen(intersector, opened), families, size, file)
     if json:
         typer.echo(json_module.dumps(rows, allow_nan=False))
     else:
@@ -70,15 +71,15 @@ def is_promised(row: dict, default: str) -> bool:
     return row["intersector"] == default or (INTERSECTORS[row["intersector"]].watertight and bool(row["leaks"]))
 
 
-def _measure(device, entries, families, size: str, rated: bool) -> tuple[list[dict], list[dict]]:
-    """All rows, and the rates where they are asked for, with a progress bar on standard error."""
+def _measure(device, entries, families, size: str, file) -> list[dict]:
+    """All rows, with a progress bar on standard error; into `file`, and with the test rates, where there is one."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from harness.stability.rates import kernel_rates
     from harness.stability.run import run_suite
 
-    console = Console(stderr=True)
+    console, rows = Console(stderr=True), []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=None)
@@ -86,6 +87,10 @@ def _measure(device, entries, families, size: str, rated: bool) -> tuple[list[di
         def tell(what: str, done: int, total: int) -> None:
             bar.update(task, description=what, completed=done, total=total)
 
-        rows = list(run_suite(device, entries, families, size, lambda step: tell(step.what, step.done, step.total)))
-        rates = kernel_rates(device, entries, tell) if rated else []
-    return rows, rates
+        for row in run_suite(device, entries, families, size, lambda step: tell(step.what, step.done, step.total)):
+            rows.append(row)
+            if file:
+                file.add([row])
+        if file:
+            file.add(kernel_rates=kernel_rates(device, entries, tell))
+    return rows

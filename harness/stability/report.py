@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from rich.table import Table
 
 from harness.errors import DefrayError
 from harness.stability.suite import families
 
 SCHEMA = 1
+Count = Annotated[int, Field(ge=0)]
+Size = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 FILE = "stability.json"
 LEGEND = (
     "W, G: leaks a million rays; A: worst band | 99th percentile of t's distance from the plane, local ulp; "
@@ -20,74 +24,131 @@ LEGEND = (
 )
 
 
-class Row(BaseModel):
-    """One family with one intersector in one contraction mode; None where a metric does not apply."""
+class Part(BaseModel):
+    """A part of the file: no key that is not declared."""
 
     model_config = ConfigDict(extra="forbid")
 
+
+class Row(Part):
+    """One family with one intersector in one contraction mode; None where a metric does not apply.
+
+    `size`: `full` or `smoke` inputs.
+    """
+
     intersector: str
-    contraction: str
+    contraction: Literal["off", "on"]
     family: str
-    rays: int
-    leaks: int | None
-    double_hits: int | None
-    band_ulp: float | None
-    residual_p99_ulp: float | None
-    gross: int | None
-    nonfinite: int | None
-    self_hits: int | None
-    tunnels: int | None
+    size: Literal["full", "smoke"]
+    rays: int = Field(gt=0)
+    leaks: Count | None
+    double_hits: Count | None
+    band_ulp: Size | None
+    residual_p99_ulp: Size | None
+    gross: Count | None
+    nonfinite: Count | None
+    self_hits: Count | None
+    tunnels: Count | None
     passed: bool
 
+    @field_validator("family")
+    @classmethod
+    def _known(cls, family: str) -> str:
+        if family not in families():
+            raise ValueError(f"no family is called {family}")
+        return family
 
-class KernelRate(BaseModel):
+    @property
+    def key(self) -> tuple:
+        """What a later measurement replaces."""
+        return self.intersector, self.contraction, self.family
+
+
+class TestRate(Part):
+    """Tests a second."""
+
+    median: float = Field(gt=0)
+    low: float = Field(gt=0)
+    high: float = Field(gt=0)
+
+
+class KernelRate(Part):
     """Isolated tests a second of one intersector; None where its hits failed their check."""
 
-    model_config = ConfigDict(extra="forbid")
-
     intersector: str
-    contraction: str
-    wrong: int
-    tests_per_second: dict[str, float] | None
+    contraction: Literal["off", "on"]
+    wrong: Count
+    tests_per_second: TestRate | None
+
+    @property
+    def key(self) -> tuple:
+        """What a later measurement replaces."""
+        return self.intersector, self.contraction
 
 
-class Results(BaseModel):
-    """All rows of one run of the suite on one device, and the rates of the same kernels."""
+class Results(Part):
+    """Rows of the suite on one device, and the rates of the same kernels.
 
-    model_config = ConfigDict(extra="forbid")
+    `contracts`: whether the compiler contracts a * b + c in each mode.
+    """
 
-    schema_: int = SCHEMA
+    schema_: int = Field(default=SCHEMA, alias="schema")
     machine: dict
-    size: str
-    contracts: dict[str, bool]
+    contracts: dict[Literal["off", "on"], bool]
     rows: list[Row]
-    kernel_rates: list[KernelRate] = []
+    kernel_rates: list[KernelRate] = Field(default_factory=list)
 
 
-def write_results(folder: Path, results: Results) -> Path:
-    """Write FILE into `folder`, whole or not at all."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / FILE
-    data = results.model_dump()
-    data["schema"] = data.pop("schema_")
-    part = file.with_suffix(".part")
-    part.write_text(json.dumps(data, allow_nan=False, indent=1) + "\n")
-    part.replace(file)
-    return file
+class ResultsFile:
+    """`FILE` of a folder, which grows family by family; rows of an earlier run that are not measured again stay.
+
+    Raises DefrayError at once where the folder cannot be written to, where the file is no result of the suite, or
+    where it holds those of another device.
+    """
+
+    def __init__(self, folder: Path, machine: dict, contracts: dict[str, bool]):
+        self.file = folder / FILE
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            raise DefrayError(f"cannot write to {folder}: {error.strerror}") from None
+        self.results = read_results(folder) or Results(machine=machine, contracts=contracts, rows=[])
+        there, here = (of.get("device") for of in (self.results.machine, machine))
+        if there != here:
+            raise DefrayError(f"{self.file} holds results of {there}, not of {here}; choose another folder")
+        self.results.machine, self.results.contracts = machine, contracts
+
+    def add(self, rows: Sequence[dict] = (), kernel_rates: Sequence[dict] = ()) -> None:
+        """Put in rows and rates, each in place of an earlier one, and write the file, whole or not at all."""
+        results = self.results
+        results.rows = _replaced(results.rows, [Row(**row) for row in rows])
+        results.kernel_rates = _replaced(results.kernel_rates, [KernelRate(**rate) for rate in kernel_rates])
+        part = self.file.with_suffix(".part")
+        part.write_text(results.model_dump_json(by_alias=True, indent=1) + "\n")
+        part.replace(self.file)
+
+
+def _replaced(old: list, new: list) -> list:
+    return list(({one.key: one for one in old} | {one.key: one for one in new}).values())
 
 
 def read_results(folder: Path) -> Results | None:
-    """Results in `folder`, None where there are none; raises DefrayError for a file of another schema."""
+    """Results in `folder`, None where there are none; raises DefrayError for a file that the suite did not write."""
     file = folder / FILE
     if not file.is_file():
         return None
     try:
         data = json.loads(file.read_text())
-        schema = data.pop("schema", None)
-        if schema != SCHEMA:
-            raise DefrayError(f"{file} has schema {schema}, this version reads {SCHEMA}")
-        return Results(schema_=schema, **data)
-    except (ValueError, AttributeError, ValidationError) as error:
+    except ValueError as error:
+        raise DefrayError(f"{file} is no result of the stress suite: {error}") from None
+    schema = data.get("schema") if isinstance(data, dict) else None
+    if schema != SCHEMA:
+        raise DefrayError(f"{file} has schema {schema}, this version reads {SCHEMA}")
+    try:
+        return Results(**data)
+    except (TypeError, ValidationError) as error:
         first = " ".join(str(error).split())[:200]
         raise DefrayError(f"{file} is no result of the stress suite: {first}") from None
 

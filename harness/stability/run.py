@@ -20,7 +20,7 @@ from harness.stability.pairs import MODES, Pairs, PairTester
 from harness.stability.single import single_pairs
 from harness.stability.suite import METRICS, Family
 
-ROW = ("intersector", "contraction", "family", "rays", *METRICS, "passed")
+ROW = ("intersector", "contraction", "family", "size", "rays", *METRICS, "passed")
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ def run_suite(
             progress(Step(f"{family.id}: {entry.name}, contraction {mode}", done, total))
             metrics = merge(trial.measure(entry, mode))
             done += 1
-            row = {"intersector": entry.name, "contraction": mode, "family": family.id, **metrics}
-            yield row | {"passed": family.passes(metrics)}
+            named = {"intersector": entry.name, "contraction": mode, "family": family.id, "size": size}
+            yield named | metrics | {"passed": family.passes(metrics)}
     progress(Step("done", total, total))
 
 

@@ -65,12 +65,12 @@ def families() -> dict[str, Family]:
 
 def select(pattern: str | None) -> list[Family]:
     """Families whose id is `pattern` or begins with it; all without one. Raises DefrayError where none does."""
-    if not pattern:
+    if pattern is None:
         return list(families().values())
     wanted = pattern.upper()
     exact = [family for family in families().values() if family.id == wanted]
     chosen = exact or [family for family in families().values() if family.id.startswith(wanted)]
-    if not chosen:
+    if not chosen or not wanted:
         raise known("family", pattern, families())
     return chosen
 

@@ -3,10 +3,11 @@
 //
 //   t = -(row_w . o) / (row_w . d),  p = o + t d,  u = row_u . p,  v = row_v . p
 //
-// flops: 25 and one division to accept or reject where the trivial column is skipped, 31 here, where triangles of
-// different normals lie side by side in lanes. Bytes a triangle: 48, all of it precomputed: the map.
+// flops: 30 and one division to accept or reject, the trivial column included: triangles of different normals lie
+// side by side in lanes.
+// Bytes a triangle: 48, all of it precomputed: the whole map; the paper's form leaves the trivial column out.
 // Watertight: no.
-// Known failures: far from the world's origin, where the error grows with the square of the distance.
+// Known failures: far from the world's origin, where the error grows with the distance; edges and vertices leak.
 #define PRECOMPUTES
 
 inline void intersector_precompute(float3 a, float3 b, float3 c, float *map)

@@ -4,7 +4,8 @@
 //   D = n . d,  T = n_w - n . o,  P = D o + T d,  U = n1 . P + D n1_w,  V = n2 . P + D n2_w
 //   hit when U, V and D - U - V have the sign of D;  t = T / D
 //
-// flops: 34 to accept or reject, +3 and one division on a hit. Bytes a triangle: 48, all of it precomputed: the planes.
+// flops: 37 to accept or reject, +4 and one division on a hit.
+// Bytes a triangle: 48, all of it precomputed: the planes.
 // Watertight: no.
 // Known failures: far from the world's origin; slivers; scales where |n|^2 leaves float32's range.
 #define PRECOMPUTES

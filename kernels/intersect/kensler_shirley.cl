@@ -3,7 +3,8 @@
 //   n = (p0 - p2) x (p1 - p0),  q = (p0 - o) / n . d,  i = d x q
 //   beta = i . (p0 - p2),  gamma = i . (p1 - p0),  t = n . q
 //
-// flops: 52 and one division to accept or reject. Bytes a triangle: 36, nothing precomputed.
+// flops: 51 and one division to accept or reject.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: no.
 // Known failures: those of Moller & Trumbore's test.
 

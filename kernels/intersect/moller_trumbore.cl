@@ -3,7 +3,8 @@
 //
 //   det = e1 . (d x e2),  U = (o - v0) . (d x e2),  V = d . ((o - v0) x e1),  t = e2 . ((o - v0) x e1) / det
 //
-// flops: 50 to accept or reject, +8 and one division on a hit. Bytes a triangle: 36, nothing precomputed.
+// flops: 45 to accept or reject, +9 and one division on a hit.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: no (a shared edge is evaluated differently by its two triangles).
 // Known failures: edges and vertices leak; t of slivers.
 #ifndef LEAST_DETERMINANT

@@ -2,8 +2,8 @@
 //
 //   as moller_trumbore.cl, with a determinant of exactly zero as a miss
 //
-// flops: 50 in double precision to accept or reject, +8 and one division on a hit. Bytes a triangle: 36, nothing
-// precomputed; needs double precision.
+// flops: 45 in double precision to accept or reject, +9 and one division on a hit.
+// Bytes a triangle: 36, nothing precomputed; needs double precision.
 // Watertight: no: rays exactly through an edge leak, because triple products are rounded in double too.
 // Known failures: exact ties.
 

@@ -2,7 +2,8 @@
 //
 //   |e1 . (d x e2)| < 1e-6 is a miss; otherwise as moller_trumbore.cl
 //
-// flops: 50 to accept or reject, +8 and one division on a hit. Bytes a triangle: 36, nothing precomputed.
+// flops: 45 to accept or reject, +9 and one division on a hit.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: no.
 // Known failures: those of moller_trumbore.cl; the determinant goes with the square of a triangle's size, so that a
 // triangle smaller than about 1e-3 of the scene's unit is never hit.

@@ -4,7 +4,8 @@
 //
 //   deltaT = 3 (gamma(3) maxE maxZ + deltaE maxZ + deltaZ maxE) / |E0 + E1 + E2|;  a hit needs t > deltaT
 //
-// flops: 39 and 12 for the check of zero area to accept or reject beside the selections, +50 and one division on a hit.
+// flops: 70, 29 of them the check of zero area, to accept or reject beside the selections, +31 and one division on a
+// hit.
 // Bytes a triangle: 36, nothing precomputed; needs double precision.
 // Watertight: nearly: the bound loses 1 or 2 rays in a million.
 // Known failures: refuses long slivers, far triangles and grazing hits, whose bound exceeds t; expects unit directions;

@@ -3,7 +3,8 @@
 //   U = ((v2 - v0) x (v2 + v0)) . d and so on, vertices relative to the origin
 //   hit when min(U, V, W) >= -e or max(U, V, W) <= e,  e = 2^-23 |U + V + W|;  t = v0 . n / n . d
 //
-// flops: 69 to accept or reject, +30 and one division on a hit. Bytes a triangle: 36, nothing precomputed.
+// flops: 72 to accept or reject, +39 and two divisions on a hit.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: nearly; an edge gets opposite values from its two triangles, and the tolerance serves the vertices.
 // Known failures: most rays near an edge hit both triangles; grazing rays.
 #ifndef EDGE_TOLERANCE

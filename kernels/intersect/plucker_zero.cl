@@ -1,8 +1,9 @@
-// Pluecker coordinates as in Embree 3's robust mode (Davis & Wald's edge test), without a tolerance.
+// Pluecker coordinates: Davis & Wald's edge test without a tolerance.
 //
 //   as plucker.cl with e = 0
 //
-// flops: 66 to accept or reject, +30 and one division on a hit. Bytes a triangle: 36, nothing precomputed.
+// flops: 71 to accept or reject, +39 and two divisions on a hit.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: along edges without contraction; vertices leak.
 // Known failures: vertices; grazing rays; contraction.
 #define EDGE_TOLERANCE 0.0f

@@ -14,8 +14,8 @@
 // The mean of the vertices' depths weighted by E_i would serve as t, but on a large triangle it is off by an ulp of the
 // vertices' distance, which turns into self-hits where a ray starts on the triangle. The plane's t is right there and
 // wrong where the ray lies in the plane, so that t is the plane's, held to within DEPTH_ERROR of the mean.
-// flops: 48 to accept or reject beside the selections, +61 and two divisions on a hit. Bytes a triangle: 36, nothing
-// precomputed.
+// flops: 39 to accept or reject beside the selections, +53 and two divisions on a hit.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: yes, contraction on or off: X_i and Y_i depend on vertex and ray alone, and a difference of products
 // within 1.5 ulp never has the wrong sign.
 // Known failures: t of triangles so thin that their edges' rounding tilts the plane.

@@ -3,7 +3,8 @@
 //
 //   X_i = p_i . u - o . u,  Y_i = p_i . v - o . v,  Z_i = p_i . d - o . d, otherwise as ray_space_plain.cl
 //
-// flops: 45 to accept or reject, +22 and one division on a hit. Bytes a triangle: 36, nothing precomputed.
+// flops: 45 to accept or reject, +28 and one division on a hit.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: only without contraction, and then only in topology: an edge is where both triangles think it is, but
 // not where it truly is.
 // Known failures: far from the world's origin p_i . u and o . u cancel; the error grows with the distance.

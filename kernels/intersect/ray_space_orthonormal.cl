@@ -10,7 +10,8 @@
 // and wrong where the ray lies in the plane, so that t is the plane's, held to within DEPTH_ERROR of the mean.
 // A plain rounded cross product is watertight too, but rounds to zero for small triangles far from the ray's
 // origin and then reports hits hundreds of units beside the ray; Kahan's difference of products does not.
-// flops: 66 to reject, +58 and two divisions on a hit. Bytes a triangle: 36, nothing precomputed.
+// flops: 57 to accept or reject, +63 and two divisions on a hit.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: yes, contraction on or off: X_i and Y_i depend on vertex and ray alone, and a difference of
 // products within 1.5 ulp never has the wrong sign.
 // Known failures: t of triangles so thin that their edges' rounding tilts the plane.

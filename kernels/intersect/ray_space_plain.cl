@@ -4,7 +4,8 @@
 //   X_i = (p_i - o) . u,  Y_i = (p_i - o) . v,  Z_i = (p_i - o) . d / d . d
 //   (E0, E1, E2) = (X0,X1,X2) x (Y0,Y1,Y2),  hit when no two differ in sign,  t = E . Z / (E0 + E1 + E2)
 //
-// flops: 48 to accept or reject, +25 and one division on a hit. Bytes a triangle: 36, nothing precomputed.
+// flops: 48 to accept or reject, +25 and one division on a hit.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: only without contraction: an fma in E_i sees one product rounded and one exact, and two triangles that
 // share the edge no longer get opposite values.
 // Known failures: contraction; t of slivers; small triangles far from the origin, whose E_i round to zero together.

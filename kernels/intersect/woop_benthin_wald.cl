@@ -4,8 +4,8 @@
 //   U = Cx By - Cy Bx,  V = Ax Cy - Ay Cx,  W = Bx Ay - By Ax; all three again in double where one is zero
 //   hit when no two differ in sign,  t = (U Az + V Bz + W Cz) / (U + V + W)
 //
-// flops: 30 to accept or reject beside the selections, +14 and one division on a hit. Bytes a triangle: 36, nothing
-// precomputed; needs double precision.
+// flops: 32 to accept or reject beside the selections, +11 and one division on a hit.
+// Bytes a triangle: 36, nothing precomputed; needs double precision.
 // Watertight: only without contraction, which breaks the antisymmetry of U, V and W.
 // Known failures: contraction; t of slivers.
 

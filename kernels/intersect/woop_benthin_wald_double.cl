@@ -3,7 +3,7 @@
 //
 //   as woop_benthin_wald.cl; the shear is not rounded to float32 either
 //
-// flops: 30 in double precision to accept or reject beside the selections, +14 and one division on a hit.
+// flops: 32 in double precision to accept or reject beside the selections, +11 and one division on a hit.
 // Bytes a triangle: 36, nothing precomputed; needs double precision.
 // Watertight: only without contraction; with it rays exactly through edges leak, in double precision too.
 // Known failures: contraction; coplanar rays; spawned rays that hit where they start; slow where doubles are.

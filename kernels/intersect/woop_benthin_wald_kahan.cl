@@ -3,10 +3,11 @@
 //
 //   U = Cx By - Cy Bx and so on within 1.5 ulp: the sign is right and zero only where it is exact
 //
-// flops: 39 to accept or reject beside the selections, +14 and one division on a hit. Bytes a triangle: 36, nothing
-// precomputed.
+// flops: 41 to accept or reject beside the selections, +11 and one division on a hit.
+// Bytes a triangle: 36, nothing precomputed.
 // Watertight: yes, contraction on or off. The shear may be contracted, but alike for every triangle of a vertex.
-// Known failures: t of a large triangle near the ray's origin errs by an ulp of the farthest vertex's distance.
+// Known failures: t of a large triangle near the ray's origin errs by an ulp of the farthest vertex's distance, so that
+// spawned rays hit where they start; rays at a vertex hit several of its triangles.
 
 #include "intersect/shear.clh"
 

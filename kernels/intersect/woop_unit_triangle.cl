@@ -3,7 +3,8 @@
 //
 //   p = v0 + u e1 + v e2 + w n;  o', d' = map(o), map(d);  t = -o'_w / d'_w,  u = o'_u + t d'_u,  v = o'_v + t d'_v
 //
-// flops: 37 and one division to accept or reject. Bytes a triangle: 48, all of it precomputed: the map.
+// flops: 38 and one division to accept or reject.
+// Bytes a triangle: 48, all of it precomputed: the map.
 // Watertight: no.
 // Known failures: far from the world's origin; slivers; scales beyond 1e+-8, where |n|^2 leaves float32's range.
 #define PRECOMPUTES
