@@ -160,6 +160,16 @@ def test_chart_2_takes_the_worst_of_three_families():
     assert not numbers.loc[("moller-trumbore", "on"), "on_band_ulp_frontier"]
 
 
+@pytest.mark.parametrize("band", [0.0, None])
+def test_chart_2_is_drawn_where_no_test_errs_and_where_all_err_without_bound(band):
+    tests = stability()
+    for row in tests["rows"]:
+        row |= {"band_ulp": band, "residual_p99_ulp": band} if row["family"][0] == "A" else {}
+    runs = runs_of(tests=tests)
+    with style.style():
+        assert "<svg" in style.svg_text(style.settle(kernel_accuracy.draw(runs, kernel_accuracy.select(runs), False)))
+
+
 def test_a_damaged_stability_file_is_named(tmp_path):
     (tmp_path / "stability.json").write_text('{"schema": 1, "rows": [{}]}')
     with pytest.raises(DefrayError, match=r"stability\.json is no result"):
