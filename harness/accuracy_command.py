@@ -196,7 +196,7 @@ def run_accuracy(request: AccuracyRequest) -> list[dict]:
     from rich.console import Console
 
     from harness.accuracy import default_contenders
-    from harness.accuracy_rows import accuracy_file
+    from harness.accuracy_rows import accuracy_file, source_of
     from harness.device import open_device
     from harness.errors import DefrayError
     from harness.sweep import locked
@@ -227,12 +227,9 @@ def run_accuracy(request: AccuracyRequest) -> list[dict]:
 
 def stored_rows(rows: Sequence[dict], device) -> dict[tuple, dict]:
     """Rows of a device by id and by what they were measured on: a mesh that has changed since is another one."""
+    from harness.accuracy_rows import source_of
+
     return {(row["id"], *source_of(row["scene"])): row for row in rows if row["machine"]["device"] == device.name}
-
-
-def source_of(scene: dict) -> tuple[str, str]:
-    """What tells a scene from another of its name: real, stand-in or file, and the SHA-256 of its triangles."""
-    return scene["source"], scene["sha256"]
 
 
 def _facts_on_file(part: Part, stored: dict[tuple, dict]) -> tuple[str, str] | None:
