@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up_accuracy import DEVICE, VARIANTS, accuracy_row, stability, write_accuracy
+from matplotlib.text import Text
 
 from harness.errors import DefrayError
 from harness.figures import figures, kernel_accuracy, speed_accuracy, stability_map, style
@@ -85,6 +86,41 @@ def test_chart_1_frontiers_over_all_and_of_each_tracer():
 def test_chart_1_keeps_rates_of_other_counts_apart():
     rows = [*scene_rows(), accuracy_row("sponza", "deferred:pbrt", rays=1000)]
     assert "deferred:pbrt" not in set(speed_accuracy.select(runs_of(rows))["variant"])
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_names_of_chart_1_do_not_meet_in_dense_panels(narrow):
+    names = [name for name in INTERSECTORS if "double" not in name][:14]
+    dense = [accuracy_row("crown", f"deferred:{name}", rate=0.3 + 1e-3 * place, leaks=40 * place)
+             for place, name in enumerate(names)]
+    rows = [*scene_rows(), *dense, *(row for row in scene_rows("crown") if row["tracer"] == "embree")]
+    numbers = speed_accuracy.select(runs_of(rows))
+    with style.style():
+        figure = style.settle(speed_accuracy.draw(runs_of(rows), numbers, narrow))
+        for axis in figure.axes:
+            names = [text for text in axis.texts if text.get_text()]
+            boxes = [Text.get_window_extent(name).padded(-0.5) for name in names]  # an annotation's has its arrow
+            assert len(boxes) >= 4
+            assert all(box.count_overlaps(boxes) == 1 for box in boxes)
+            frame = axis.get_window_extent()
+            assert all(frame.y0 - 1 < box.y0 and box.y1 < frame.y1 + 1 for box in boxes)
+
+
+def test_places_that_touch_move_apart_and_stay_inside():
+    assert style.spread([0.5, 0.5], 0.2, 0, 1) == pytest.approx([0.4, 0.6])
+    assert style.spread([0.9, 0.95, 1.0], [0.1, 0.3], 0, 1) == pytest.approx([0.6, 0.7, 1.0])
+    assert style.spread([0.1, 0.9], 0.2, 0, 1) == pytest.approx([0.1, 0.9])
+    assert np.diff(style.spread([0.5] * 5, 0.5, 0, 1)) == pytest.approx([0.25] * 4)
+    assert style.spread([], 0.5, 0, 1) == []
+
+
+def test_the_caption_of_chart_1_says_where_the_default_stands():
+    rows = [*scene_rows(), accuracy_row("crown", "deferred:ray-space", rate=0.4)]
+    numbers = speed_accuracy.select(runs_of(rows))
+    text = speed_accuracy.caption(runs_of(rows), numbers)
+    assert ("Sponza: off its tracer's frontier, off that of all; "
+            "with as few leaks, ray space, contracted is 1.03 times as fast.") in text
+    assert "Crown: on its tracer's frontier, on that of all; nothing with as few leaks is faster." in text
 
 
 @pytest.mark.parametrize("narrow", [False, True])
