@@ -91,7 +91,7 @@ def test_chart_1_keeps_rates_of_other_counts_apart():
 @pytest.mark.parametrize("narrow", [False, True])
 def test_names_of_chart_1_do_not_meet_in_dense_panels(narrow):
     names = [name for name in INTERSECTORS if "double" not in name][:14]
-    dense = [accuracy_row("crown", f"deferred:{name}", rate=0.3 + 1e-3 * place, leaks=40 * place)
+    dense = [accuracy_row("crown", f"deferred:{name}:contraction=on", rate=0.3 + 1e-3 * place, leaks=40 * place)
              for place, name in enumerate(names)]
     rows = [*scene_rows(), *dense, *(row for row in scene_rows("crown") if row["tracer"] == "embree")]
     numbers = speed_accuracy.select(runs_of(rows))

@@ -89,7 +89,8 @@ def standing_of(name: str, scene: pd.DataFrame) -> str:
     leak_as_little = scene[scene["leak_bound"] <= default["leak_bound"]]
     own_tracer = leak_as_little[leak_as_little["tracer"] == default["tracer"]]
     best = [rows.loc[rows["total_mrays_per_s"].idxmax()] for rows in (own_tracer, leak_as_little)]
-    faster = [f"{row['series']} is {row['total_mrays_per_s'] / default['total_mrays_per_s']:.3g} times as fast"
+    faster = [f"{row['series']}{'' if row['tracer'] == default['tracer'] else ' (' + row['tracer'] + ')'} is "
+              f"{row['total_mrays_per_s'] / default['total_mrays_per_s']:.3g} times as fast"
               for row in best if row["total_mrays_per_s"] > default["total_mrays_per_s"]]
     return text + (f"with as few leaks, {' and '.join(dict.fromkeys(faster))}" if faster
                    else "nothing with as few leaks is faster")
