@@ -23,6 +23,7 @@ TITLE = "Whole trace against leaks of rays aimed at edges and vertices"
 NEEDS = "rows of 'defray accuracy'"
 X, Y = "leak_rate", "rate"
 LINE = 7.4  # points from one line of a name to the next
+LETTER = 3.6  # points a letter of a name is wide, with its share of the margin
 
 
 def select(runs: Runs) -> pd.DataFrame:
@@ -147,7 +148,7 @@ def _panel(axis, scene: pd.DataFrame, numbers: pd.DataFrame, wide: bool, line: f
         _line(axis, rows[rows["on_own_frontier"]], style.of_tracer(tracer)[0], 1.0)
     for row in scene.sort_values(["on_own_frontier", "default"]).itertuples():
         _point(axis, row)
-    _names(axis, named(scene), line)
+    _names(axis, named(scene), scene, line)
 
 
 def _line(axis, rows: pd.DataFrame, colour: str, width: float) -> None:
@@ -169,18 +170,25 @@ def _point(axis, row) -> None:
               markerfacecolor=style.PAGE if hollow else look["color"])
 
 
-def _names(axis, rows: pd.DataFrame, line: float) -> None:
-    """Names of the frontier's points to their right, moved apart where they would meet."""
+def _names(axis, rows: pd.DataFrame, scene: pd.DataFrame, line: float) -> None:
+    """Names of the frontier's points to their right, moved apart where they would meet.
+
+    A name that would lie on a point of the scene goes to the column right of all points.
+    """
     to_axis = axis.transScale + axis.transLimits
-    points = [tuple(map(float, to_axis.transform(point))) for point in
-              zip(rows["minus_log10_leak_bound"], rows["total_mrays_per_s"], strict=True)]
+    points, every = (to_axis.transform(part[["minus_log10_leak_bound", "total_mrays_per_s"]].to_numpy(float))
+                     for part in (rows, scene))
+    letter = LETTER / (72 * axis.figure.get_figwidth() / axis.get_subplotspec().get_gridspec().ncols)
     texts = [label_of(row) for row in rows.itertuples()]
     sizes = [(text.count("\n") + 1.3) * line for text in texts]
     gaps = [(one + two) / 2 for one, two in itertools.pairwise(sizes)]
     heights = style.spread([y for _, y in points], gaps, 0.03, 0.97)
-    for row, (x, y), height, text in zip(rows.itertuples(), points, heights, texts, strict=True):
+    for row, (x, y), height, text, size in zip(rows.itertuples(), points, heights, texts, sizes, strict=True):
         colour = style.of_tracer(row.tracer)[0]
-        axis.annotate(text, (x, y), (x + 0.055, height), xycoords="axes fraction", textcoords="axes fraction",
+        right = x + 0.08 + letter * max(map(len, text.splitlines()))
+        covered = (every[:, 0] > x + 0.02) & (every[:, 0] < right) & (abs(every[:, 1] - height) < size / 2 + line / 2)
+        place = (every[:, 0].max() if covered.any() else x) + 0.055
+        axis.annotate(text, (x, y), (place, height), xycoords="axes fraction", textcoords="axes fraction",
                       fontsize=6, va="center", color=colour, zorder=4,
                       arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 3})
 
