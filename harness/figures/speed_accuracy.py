@@ -182,7 +182,7 @@ def _names(axis, rows: pd.DataFrame, scene: pd.DataFrame, line: float) -> None:
     texts = [label_of(row) for row in rows.itertuples()]
     sizes = [(text.count("\n") + 1.3) * line for text in texts]
     gaps = [(one + two) / 2 for one, two in itertools.pairwise(sizes)]
-    heights = style.spread([y for _, y in points], gaps, 0.03, 0.97)
+    heights = style.spread([y for _, y in points], gaps, sizes[0] / 2, 1 - sizes[-1] / 2) if sizes else []
     for row, (x, y), height, text, size in zip(rows.itertuples(), points, heights, texts, sizes, strict=True):
         colour = style.of_tracer(row.tracer)[0]
         right = x + 0.08 + letter * max(map(len, text.splitlines()))
