@@ -153,11 +153,12 @@ class AccuracyGroup:
                 entry.hits, seconds = self.trace(entry, self.rays)
                 entry.seconds.append(seconds)
 
-    def aim(self) -> None:
-        """Trace the aimed rays and count those that were let through."""
-        for place, entry in enumerate(self.entries):
-            self.tell(f"{entry.contender}, aimed rays", 0.7 + 0.2 * place / len(self.entries))
-            entry.aimed = self.leaks_of(entry, self.aimed)
+    def judge(self, entry: _Entry, done: float) -> None:
+        """Count the aimed rays that a contender lets through, and compare its diffuse hits with the reference."""
+        self.tell(f"{entry.contender}, aimed rays", done)
+        entry.aimed = self.leaks_of(entry, self.aimed)
+        self.tell(f"{entry.contender}, check", done)
+        entry.agreement = self.checker.check(entry.hits)
 
     def leaks_of(self, entry: _Entry, aimed: AimedRays) -> dict:
         """The `aimed` part of a row."""
@@ -175,17 +176,12 @@ class AccuracyGroup:
             "seed": SEED,
         }
 
-    def check(self) -> None:
-        """Compare the diffuse hits of every contender with the reference."""
-        for place, entry in enumerate(self.entries):
-            self.tell(f"{entry.contender}, check", 0.9 + 0.1 * place / len(self.entries))
-            entry.agreement = self.checker.check(entry.hits)
-
     def rows(self) -> Iterator[dict]:
-        """The row of each contender, without id, command, time and machine."""
+        """The row of each contender as soon as it is judged, without id, command, time and machine."""
         scene = self.shared.scene
         reference, diagonal = self.checker.reference_t(), diagonal_of(scene.triangles)
-        for entry in self.entries:
+        for place, entry in enumerate(self.entries):
+            self.judge(entry, 0.7 + 0.3 * place / len(self.entries))
             contender, variant, count = entry.contender, entry.contender.variant, len(self.rays)
             yield {
                 "schema": SCHEMA,
@@ -215,14 +211,12 @@ def measure_accuracy(
 ) -> Iterator[dict]:
     """Rate and errors of every contender on one scene, one row each, still without id, command, time and machine.
 
-    Raises DefrayError for a contender that the device cannot run, a grid that does not fit, or a scene without
-    anything to aim at.
+    All are timed before the first row comes; a row comes as soon as its own errors are known. Raises DefrayError for
+    a contender that the device cannot run, a grid that does not fit, or a scene without anything to aim at.
     """
     group = AccuracyGroup(shared, contenders, plan, device, tell)
     group.warm_up()
     group.time()
-    group.aim()
-    group.check()
     yield from group.rows()
 
 

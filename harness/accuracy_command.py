@@ -57,12 +57,14 @@ def accuracy(
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Chart speed against accuracy: rate, leaks of aimed rays and errors of t for many variants of tracers."""
-    from harness.accuracy import Contender
+    """Chart speed against accuracy: rate, leaks of aimed rays and errors of t for many variants of tracers.
 
+    The variants of a scene are timed in turns; each is stored once all are timed and its own errors are known. What
+    is interrupted before goes on with --resume from the start of that scene.
+    """
     parts = _parts(scenes or [], tier, rays, aimed, repetitions)
-    if variants:
-        contenders = [Contender.parse(text.strip()) for text in variants.split(",") if text.strip()]
+    if variants is not None:
+        contenders = parse_contenders(variants)
         parts = [replace(part, contenders=contenders) for part in parts]
     if precision:
         parts = [replace(part, precision=True) for part in parts]
@@ -144,18 +146,29 @@ class AccuracyRequest:
     device: str | None = None
 
 
+def parse_contenders(text: str) -> list[Contender]:
+    """The variants of `A,B,...`, each once; raises DefrayError where there is none, or one that is not known."""
+    from harness.accuracy import Contender
+    from harness.errors import DefrayError
+
+    found = {str(one): one for one in (Contender.parse(part.strip()) for part in text.split(",") if part.strip())}
+    if not found:
+        raise DefrayError(f"'{text}' names no variant; write one, as in deferred:ray-space, or leave --variants out")
+    return list(found.values())
+
+
 def _parts(scenes: Sequence[str], tier: str | None, rays, aimed, repetitions) -> list[Part]:
     """Scenes and counts of the tier, replaced by those of the command line.
 
     Raises DefrayError for what is not known.
     """
-    from harness.accuracy import Contender, Plan
+    from harness.accuracy import Plan
     from harness.errors import DefrayError, known
     from harness.plan import parse_count
     from harness.scene import check_name
 
-    given = {"rays": rays and parse_count(rays), "aimed": aimed and parse_count(aimed), "repetitions": repetitions}
-    given = {name: value for name, value in given.items() if value}
+    given = {"rays": rays, "aimed": aimed, "repetitions": repetitions}
+    given = {name: parse_count(value) for name, value in given.items() if value is not None}
     entries = [{"scenes": list(scenes)}]
     if tier is not None:
         tiers = tomllib.loads(TIERS.read_text(encoding="utf-8"))["tiers"]
@@ -165,7 +178,7 @@ def _parts(scenes: Sequence[str], tier: str | None, rays, aimed, repetitions) ->
     found: dict[str, Part] = {}
     for entry in entries:
         counts = {name: parse_count(entry[name]) for name in ("rays", "aimed", "repetitions") if name in entry}
-        contenders = [Contender.parse(text) for text in entry.get("variants", [])] or None
+        contenders = parse_contenders(",".join(entry["variants"])) if "variants" in entry else None
         for scene in entry["scenes"]:
             check_name(scene)
             precision = scene in entry.get("precision", ())
@@ -176,14 +189,14 @@ def _parts(scenes: Sequence[str], tier: str | None, rays, aimed, repetitions) ->
 
 
 def run_accuracy(request: AccuracyRequest) -> list[dict]:
-    """Measure, store every scene's rows at once, and return the rows of the request, those on file included.
+    """Measure, store every row as soon as it is whole, and return the rows of the request, those on file included.
 
     Raises DefrayError where a scene, a variant or the folder cannot be used.
     """
     from rich.console import Console
 
     from harness.accuracy import default_contenders
-    from harness.accuracy_rows import accuracy_file
+    from harness.accuracy_rows import accuracy_file, source_of
     from harness.device import open_device
     from harness.errors import DefrayError
     from harness.sweep import locked
@@ -194,25 +207,47 @@ def run_accuracy(request: AccuracyRequest) -> list[dict]:
     with locked(request.out):
         file = accuracy_file(request.out)
         rows = file.repair()
-        stored = {row["id"]: row for row in rows if row["machine"]["device"] == device.name}
+        stored = stored_rows(rows, device)
         if rows and not request.resume:
             raise DefrayError(f"{file.path} already has rows; pass --resume to go on, or choose another --out")
-        missing = [_missing(part, stored) for part in parts]
+        facts = {part.scene: _facts_on_file(part, stored) for part in parts}
+        missing = [_missing(part, stored, facts[part.scene]) for part in parts]
         with scene_progress(console, sum(bool(part.contenders) for part in missing)) as progress:
             for part in missing:
                 for row in _measured(part, device, progress):
                     file.append(row)
-                    stored[row["id"]] = row
+                    stored |= stored_rows([row], device)
+                    facts[part.scene] = source_of(row["scene"])
                     progress.line(describe(row))
         with scene_progress(console, sum(part.precision for part in parts)) as progress:
             _run_precision(request, parts, device, progress)
     console.print(f"{len(stored)} rows in {file.path}", highlight=False, soft_wrap=True, markup=False)
-    return [stored[part.plan.id_of(part.scene, one)] for part in parts for one in part.contenders]
+    return [stored[part.plan.id_of(part.scene, one), *facts[part.scene]] for part in parts for one in part.contenders]
 
 
-def _missing(part: Part, stored: dict[str, dict]) -> Part:
-    """The part without the contenders that are on file."""
-    return replace(part, contenders=[o for o in part.contenders if part.plan.id_of(part.scene, o) not in stored])
+def stored_rows(rows: Sequence[dict], device) -> dict[tuple, dict]:
+    """Rows of a device by id and by what they were measured on: a mesh that has changed since is another one."""
+    from harness.accuracy_rows import source_of
+
+    return {(row["id"], *source_of(row["scene"])): row for row in rows if row["machine"]["device"] == device.name}
+
+
+def _facts_on_file(part: Part, stored: dict[tuple, dict]) -> tuple[str, str] | None:
+    """`source_of` the scene as it is now; None where no row is on file that might be of it, and it is not loaded."""
+    from harness.scene import load_scene
+
+    ids = {part.plan.id_of(part.scene, one) for one in part.contenders}
+    if not any(key[0] in ids for key in stored):
+        return None
+    scene = load_scene(part.scene)
+    return scene.source, scene.sha256
+
+
+def _missing(part: Part, stored: dict[tuple, dict], facts: tuple[str, str] | None) -> Part:
+    """The part without the contenders that are on file, measured on the scene as it is now."""
+    return replace(part, contenders=[
+        one for one in part.contenders if facts is None or (part.plan.id_of(part.scene, one), *facts) not in stored
+    ])
 
 
 def _measured(part: Part, device, progress: SceneProgress) -> Iterator[dict]:
@@ -236,14 +271,18 @@ def _run_precision(request: AccuracyRequest, parts: list[Part], device, progress
     from harness.precision import measure_precision
 
     file = precision_file(request.out)
-    stored = {row["id"] for row in file.repair() if row["machine"]["device"] == device.name}
+    stored = stored_rows(file.repair(), device)
     for part in parts:
         rays, repetitions = part.plan.rays, part.plan.repetitions
         facts = {"scene": part.scene, "rays": rays, "repetitions": repetitions}
-        if not part.precision or identity(**facts, knob="samples", value="1") in stored:
+        if not part.precision:
             continue
         progress.start(part.scene)
         shared = shared_scene(part.scene, device)
+        last = identity(**facts, knob="samples", value="1")
+        if (last, shared.scene.source, shared.scene.sha256) in stored:
+            progress.end()
+            continue
         for row in measure_precision(shared, rays, repetitions, device, progress.tell):
             file.append(row | row_facts(device) | {"id": identity(**facts, knob=row["knob"], value=row["value"])})
         progress.end()

@@ -157,3 +157,8 @@ def identity(**facts: Any) -> str:
 def latest_rows(rows: list[dict]) -> list[dict]:
     """The last row of each measurement on each device: one measured again replaces the earlier one."""
     return list({(row["id"], row["machine"].get("device")): row for row in rows}.values())
+
+
+def source_of(scene: dict) -> tuple[str, str]:
+    """What tells a scene from another of its name: real, stand-in or file, and the SHA-256 of its triangles."""
+    return scene["source"], scene["sha256"]

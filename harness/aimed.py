@@ -20,7 +20,9 @@ MOST_T = 1 + 1e-3  # of a ray that was stopped; the target is at t = 1
 LEAST_SINE = 0.05  # of the angle between the ray and every triangle around the target
 MARGIN = 16 * 2.0**-24  # over the target's distance: how far inside the fan the target lies, beyond rounding
 PASS = 1 << 18  # origins tried at once
-EMPTY_PASSES = 2  # passes without a single usable target before a scene is given up
+PASSES = 2  # of diffuse rays, and then of random ones, before the yield is judged
+POOR_PASSES = 8  # passes that together yield less than LEAST_YIELD: the scene is given up
+LEAST_YIELD = 1e-3  # usable targets an origin; at this rate a million rays take about an hour
 _CHUNK = 1 << 20  # triangles scanned at once
 _FLAGS = 27  # bits of a hash that the first filter looks at
 
@@ -48,19 +50,24 @@ def aimed_rays(scene: Scene, count: int, seed: int = 1, embree: EmbreeScene | No
     """`count` rays aimed where methods leak: about half at points of edges, half at vertices where the scene allows.
 
     The same seed gives the same rays. `embree` saves building the hierarchy. Raises DefrayError for a scene whose
-    triangles share no edges, and for one without a view.
+    triangles share no edges, or hardly any, and for one without a view.
     """
     embree = embree or EmbreeScene(scene.triangles)
     index, parts, found, turn, kind = CornerIndex(scene.triangles), [], 0, 0, "diffuse"
+    tried = 0
     while found < count:
-        if turn >= 2 * EMPTY_PASSES and not found:
+        if turn >= 2 * PASSES and not found:
             raise DefrayError(f"no triangles of scene {scene.name} that rays hit share an edge: nothing to aim at")
+        if turn >= POOR_PASSES and found < LEAST_YIELD * tried:
+            raise DefrayError(f"too few triangles of scene {scene.name} that rays hit share an edge: {tried:,} tries "
+                              f"gave {found:,} of {count:,} aimed rays")
         size = min(PASS, max(4096, 4 * (count - found)))
-        # A convex body sends no ray back to itself: there the origins lie anywhere in the scene's bounds.
-        kind = "diffuse" if turn < EMPTY_PASSES or (kind == "diffuse" and found) else "random"
+        # A convex body sends hardly a ray back to itself: there the origins lie anywhere in the scene's bounds.
+        rich = found and found >= LEAST_YIELD * tried
+        kind = "diffuse" if turn < PASSES or (kind == "diffuse" and rich) else "random"
         start = make_rays(scene, kind, size, seed=1000 * seed + turn, embree=embree)
         parts.append(_one_pass(scene, index, embree, start, _vertex_share(parts), turn))
-        found, turn = found + len(parts[-1]), turn + 1
+        found, tried, turn = found + len(parts[-1]), tried + size, turn + 1
     # In random order, so that a part of the rays is like the whole.
     order = np.random.Generator(np.random.Philox(key=[seed, 5 << 32])).permutation(count)
     origins, directions, at_vertex = (

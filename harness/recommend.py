@@ -11,8 +11,10 @@ import numpy as np
 
 from harness import intersectors, tracers
 from harness.accuracy import AIMED_BLOCK, SEED, Contender, Plan, default_contenders, measure_accuracy
-from harness.accuracy_rows import accuracy_file, latest_rows
+from harness.accuracy_rows import accuracy_file, latest_rows, source_of
 from harness.aimed import AimedRays, aimed_rays, leaked
+from harness.data import Scene
+from harness.device import Device, machine_description, open_device
 from harness.errors import DefrayError
 from harness.grid import build_grid
 from harness.measure import SharedScene, shared_scene
@@ -81,16 +83,30 @@ def bound_of(row: dict) -> float:
     return rate_bound(row["aimed"]["leaks"], row["aimed"]["rays"])
 
 
-def find_rows(scene: str, folder: Path | None) -> list[dict]:
-    """Rows of a scene, those of its most diffuse rays: from `folder`, else from the first of FOLDERS that has any."""
+def find_rows(scene: Scene, device, folder: Path | None) -> list[dict]:
+    """One row a variant of this very scene on this device: from `folder`, else from the first of FOLDERS with any.
+
+    They are those of the most diffuse rays, and of a variant that has several the one with the most aimed rays, of
+    these the latest.
+    """
     folders = [folder] if folder else [path for pattern in FOLDERS for path in sorted(Path().glob(pattern))]
+    machine = machine_description(device)
     for one in folders:
-        rows = [row for row in latest_rows(accuracy_file(one).read())
-                if row["scene"]["name"] in (scene, Path(scene).stem)]
+        rows = latest_rows([row for row in accuracy_file(one).read()
+                            if source_of(row["scene"]) == (scene.source, scene.sha256)
+                            and measured_here(row, machine, device.is_cpu)])
         if rows:
             most = max(row["rays"]["count"] for row in rows)
-            return [row for row in rows if row["rays"]["count"] == most]
+            rows = sorted((row for row in rows if row["rays"]["count"] == most), key=lambda row: row["aimed"]["rays"])
+            return list({row["variant"]: row for row in rows}.values())
     return []
+
+
+def measured_here(row: dict, machine: dict, on_cpu: bool) -> bool:
+    """Whether a row's rate is one of this machine: of its device, and of its processor where that does the work."""
+    keys = [] if row["tracer"] == "embree" else ["platform", "device"]
+    keys += ["cpu", "cores"] if on_cpu or row["tracer"] == "embree" else []
+    return all(row["machine"].get(key) == machine[key] for key in keys)
 
 
 def advise(scene: str, rows: Sequence[dict], limits: Limits, deepen: Callable[[dict], dict]) -> Advice:
@@ -123,9 +139,10 @@ def advise(scene: str, rows: Sequence[dict], limits: Limits, deepen: Callable[[d
 
 
 def recommend(scene: str, limits: Limits, folder: Path | None, device_part: str | None, say: Say) -> Advice:
-    """Advice from the rows on file; measures what they do not show, saying so.
+    """Advice from rows on file of this very scene and device; measures what they do not show, saying so.
 
-    Raises DefrayError for a limit that would take too many rays to show, and for whatever cannot be measured.
+    Raises DefrayError for a limit that would take too many rays to show, for a device or a scene that is not there,
+    and for whatever cannot be measured.
     """
     if limits.rays_needed > MOST_RAYS:
         raise DefrayError(
@@ -138,12 +155,14 @@ def recommend(scene: str, limits: Limits, folder: Path | None, device_part: str 
         notes.append(text)
         say(text)
 
-    deeper = Deeper(scene, limits, device_part, note)
-    rows = find_rows(scene, folder)
+    device = open_device(device_part)
+    deeper = Deeper(scene, limits, device, note)
+    rows = find_rows(deeper.shared.scene, device, folder)
     if not rows:
-        note(f"no rows of {scene} on file: measuring every variant with {PLAN.rays:,} diffuse rays")
-        contenders = default_contenders(deeper.device)
-        rows = list(measure_accuracy(deeper.shared, contenders, PLAN, deeper.device, lambda what, _: say(what)))
+        note(f"no rows of {deeper.shared.scene.title} on {device.name} on file: measuring every variant with "
+             f"{PLAN.rays:,} diffuse rays")
+        contenders = default_contenders(device)
+        rows = list(measure_accuracy(deeper.shared, contenders, PLAN, device, lambda what, _: say(what)))
     advice = advise(scene, rows, limits, deeper)
     advice.notes = notes
     return advice
@@ -152,17 +171,10 @@ def recommend(scene: str, limits: Limits, folder: Path | None, device_part: str 
 class Deeper:
     """Traces as many aimed rays through a variant as its limit takes, on this machine."""
 
-    def __init__(self, scene: str, limits: Limits, device_part: str | None, note: Say):
-        self.scene, self.limits, self._device_part, self._note = scene, limits, device_part, note
+    def __init__(self, scene: str, limits: Limits, device: Device, note: Say):
+        self.scene, self.limits, self.device, self._note = scene, limits, device, note
         self._pieces: list[AimedRays] = []
         self._settings: dict = {}
-
-    @property
-    def device(self):
-        """The device, opened at first use."""
-        from harness.device import open_device
-
-        return open_device(self._device_part)
 
     @property
     def shared(self) -> SharedScene:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
+import made_up_accuracy
 import numpy as np
 import pytest
 from shapes import icosphere
@@ -11,12 +13,20 @@ from typer.testing import CliRunner
 
 from harness import accuracy
 from harness.accuracy import Contender, Plan, default_contenders, distance_rmse, measure_accuracy, residual_p99
-from harness.accuracy_command import AccuracyRequest, Part, _parts, row_facts, run_accuracy
-from harness.accuracy_rows import accuracy_file, accuracy_row, latest_rows
+from harness.accuracy_command import (
+    AccuracyRequest,
+    Part,
+    _parts,
+    parse_contenders,
+    row_facts,
+    run_accuracy,
+    stored_rows,
+)
+from harness.accuracy_rows import accuracy_file, accuracy_row, latest_rows, precision_file
 from harness.cli import app
 from harness.data import GridSpec, Hits, Rays, Scene, View
 from harness.errors import DefrayError
-from harness.measure import SharedScene
+from harness.measure import SharedScene, forget_scenes, scene_facts
 
 PLAN = Plan(rays=2_000, aimed=4_000, repetitions=2, grid=GridSpec(4, 16))
 VARIANTS = ("deferred:ray-space", "deferred:moller-trumbore", "embree", "embree:robust=false")
@@ -174,6 +184,66 @@ def test_a_second_run_needs_resume_and_measures_nothing_again(tmp_path, device, 
     assert [row["machine"]["device"] for row in accuracy_file(tmp_path).read()] == ["another", device.name]
 
 
+def save_mesh(path, triangles) -> str:
+    np.savez(path, vertices=triangles.reshape(-1, 3), faces=np.arange(3 * len(triangles)).reshape(-1, 3))
+    return str(path)
+
+
+@pytest.mark.parametrize("precision", [False, True])
+def test_resuming_measures_a_mesh_again_that_has_changed(tmp_path, device, precision, monkeypatch):
+    mesh = save_mesh(tmp_path / "ball.npz", icosphere(2))
+    if precision:  # of which a made-up row is enough
+        monkeypatch.setattr("harness.precision.measure_precision",
+                            lambda shared, *_: [precision_row_of(shared.scene)])
+    part = Part(mesh, PLAN, [Contender.parse("embree")], precision)
+    request = AccuracyRequest([part], tmp_path, resume=True, device=device.title)
+    forget_scenes()
+    run_accuracy(request)
+    save_mesh(tmp_path / "ball.npz", icosphere(2) * np.float32(1.5))
+    for _ in range(2):  # the second time both are on file
+        forget_scenes()
+        found = run_accuracy(request)
+    file = precision_file(tmp_path) if precision else accuracy_file(tmp_path)
+    hashes = [row["scene"]["sha256"] for row in file.read()]
+    assert len(hashes) == len(set(hashes)) == 2
+    assert [row["scene"]["sha256"] for row in found] == hashes[1:]
+
+
+def precision_row_of(scene: Scene) -> dict:
+    row = made_up_accuracy.precision_row("ball", "samples", "1", 0.3, 0.1)
+    return row | {"scene": scene_facts(scene)}
+
+
+def test_rows_of_a_stand_in_do_not_stand_for_the_real_scene(row):
+    stand_in = row | {"scene": row["scene"] | {"source": "stand-in"}}
+    device = SimpleNamespace(name=row["machine"]["device"])
+    assert len(stored_rows([row, stand_in], device)) == 2
+    assert stored_rows([row], SimpleNamespace(name="another")) == {}
+
+
+def test_what_is_whole_is_stored_before_an_interruption(tmp_path, device, monkeypatch):
+    mesh = save_mesh(tmp_path / "ball.npz", icosphere(2))
+    contenders = [Contender.parse(text) for text in ("embree", "embree:robust=false")]
+    request = AccuracyRequest([Part(mesh, PLAN, contenders)], tmp_path, resume=True, device=device.title)
+    leaks_of = accuracy.AccuracyGroup.leaks_of
+
+    def interrupted(self, entry, aimed):
+        if entry.contender == contenders[1]:
+            raise KeyboardInterrupt
+        return leaks_of(self, entry, aimed)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(accuracy.AccuracyGroup, "leaks_of", interrupted)
+        run_accuracy(request)
+    assert [row["variant"] for row in accuracy_file(tmp_path).read()] == ["embree"]
+    assert [row["variant"] for row in run_accuracy(request)] == ["embree", "embree:robust=false"]
+
+
+def test_a_variant_written_in_two_ways_is_measured_once():
+    found = parse_contenders("deferred, deferred:ray-space ,embree,deferred:ray-space:binning=padded")
+    assert [str(one) for one in found] == ["deferred:ray-space", "embree"]
+
+
 def test_default_variants_pair_contractions_and_hold_both_references(device):
     names = [str(one) for one in default_contenders(device)]
     assert len(set(names)) == len(names)
@@ -211,6 +281,9 @@ def test_residual_without_a_hit_is_none():
     ("command", "message"),
     [
         ("accuracy", "name a scene or a tier"),
+        ("accuracy sponza --rays=", "'' is not a count"),
+        ("accuracy sponza --variants=", "'' names no variant"),
+        ("accuracy sponza --variants ,", "',' names no variant"),
         ("accuracy --tier huge", "unknown tier 'huge'"),
         ("accuracy nowhere", "unknown scene 'nowhere'"),
         ("accuracy sponza --rays none", "'none' is not a count"),

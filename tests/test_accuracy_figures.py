@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up_accuracy import DEVICE, VARIANTS, accuracy_row, stability, write_accuracy
+from matplotlib.text import Text
 
 from harness.errors import DefrayError
 from harness.figures import figures, kernel_accuracy, speed_accuracy, stability_map, style
@@ -88,6 +89,45 @@ def test_chart_1_keeps_rates_of_other_counts_apart():
 
 
 @pytest.mark.parametrize("narrow", [False, True])
+def test_names_of_chart_1_do_not_meet_in_dense_panels(narrow):
+    names = [name for name in INTERSECTORS if "double" not in name]
+    leaks = (0, 0, 5, 20, 80, 300)  # some near one another on the frontier, as in a dense scene
+    dense = [accuracy_row("crown", f"deferred:{name}:contraction=on", rate=0.3 + 5e-3 * min(place, 5),
+                          leaks=leaks[min(place, 5)]) for place, name in enumerate(names)]
+    rows = [*scene_rows(), *dense, *(row for row in scene_rows("crown") if row["tracer"] == "embree")]
+    numbers = speed_accuracy.select(runs_of(rows))
+    with style.style():
+        figure = style.settle(speed_accuracy.draw(runs_of(rows), numbers, narrow))
+        for axis in figure.axes:
+            names = [text for text in axis.texts if text.get_text()]
+            boxes = [Text.get_window_extent(name).padded(-0.5) for name in names]  # an annotation's has its arrow
+            assert len(boxes) >= 4
+            assert all(box.count_overlaps(boxes) == 1 for box in boxes)
+            own = numbers[numbers["scene"] == axis.get_title(loc="left")]
+            points = axis.transData.transform(own[["minus_log10_leak_bound", "total_mrays_per_s"]].to_numpy(float))
+            assert len(points) and not any(box.contains(*point) for box in boxes for point in points)
+            frame = axis.get_window_extent()
+            assert all(frame.y0 - 1 < box.y0 and box.y1 < frame.y1 + 1 for box in boxes)
+
+
+def test_places_that_touch_move_apart_and_stay_inside():
+    assert style.spread([0.5, 0.5], 0.2, 0, 1) == pytest.approx([0.4, 0.6])
+    assert style.spread([0.9, 0.95, 1.0], [0.1, 0.3], 0, 1) == pytest.approx([0.6, 0.7, 1.0])
+    assert style.spread([0.1, 0.9], 0.2, 0, 1) == pytest.approx([0.1, 0.9])
+    assert np.diff(style.spread([0.5] * 5, 0.5, 0, 1)) == pytest.approx([0.25] * 4)
+    assert style.spread([], 0.5, 0, 1) == []
+
+
+def test_the_caption_of_chart_1_says_where_the_default_stands():
+    rows = [*scene_rows(), accuracy_row("crown", "deferred:ray-space", rate=0.4)]
+    numbers = speed_accuracy.select(runs_of(rows))
+    text = speed_accuracy.caption(runs_of(rows), numbers)
+    assert ("Sponza: off its tracer's frontier, off that of all; "
+            "with as few leaks, ray space, contracted is 1.03 times as fast.") in text
+    assert "Crown: on its tracer's frontier, on that of all; nothing with as few leaks is faster." in text
+
+
+@pytest.mark.parametrize("narrow", [False, True])
 def test_charts_are_drawn_on_wide_and_narrow_pages(narrow):
     runs = runs_of([*scene_rows(), *scene_rows("crown"), *scene_rows("hairball")], stability())
     for module in (speed_accuracy, kernel_accuracy, stability_map):
@@ -158,6 +198,16 @@ def test_chart_2_takes_the_worst_of_three_families():
     assert numbers.loc[("ray-space", "on"), "band_ulp"] == 3.0
     assert numbers.loc[("ray-space", "on"), "on_band_ulp_frontier"]
     assert not numbers.loc[("moller-trumbore", "on"), "on_band_ulp_frontier"]
+
+
+@pytest.mark.parametrize("band", [0.0, None])
+def test_chart_2_is_drawn_where_no_test_errs_and_where_all_err_without_bound(band):
+    tests = stability()
+    for row in tests["rows"]:
+        row |= {"band_ulp": band, "residual_p99_ulp": band} if row["family"][0] == "A" else {}
+    runs = runs_of(tests=tests)
+    with style.style():
+        assert "<svg" in style.svg_text(style.settle(kernel_accuracy.draw(runs, kernel_accuracy.select(runs), False)))
 
 
 def test_a_damaged_stability_file_is_named(tmp_path):

@@ -104,6 +104,16 @@ def test_unconnected_triangles_are_refused():
     assert "\n" not in str(caught.value)
 
 
+def test_hardly_any_shared_edge_ends_in_one_line():
+    side = 0.04  # large enough to be hit at times
+    low, right, up, far = ((0.5 + x * side, 0.5 + y * side, -0.3) for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)))
+    triangles = np.concatenate([soup(20_000), np.array([[low, right, up], [right, far, up]])])
+    scene = scene_of(triangles, View((0.5, 0.5, -2.0), (0.5, 0.5, 0.5)))
+    with pytest.raises(DefrayError, match=r"too few .* share an edge: [0-9,]+ tries gave [1-9]") as caught:
+        aimed_rays(scene, 10_000)
+    assert "\n" not in str(caught.value)
+
+
 # ---------------------------------------------------------------- fans
 
 

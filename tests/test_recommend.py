@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 
 import numpy as np
@@ -14,9 +15,12 @@ from harness import recommend as module
 from harness.accuracy import Contender, Plan, measure_accuracy
 from harness.accuracy_rows import accuracy_file
 from harness.cli import app
+from harness.data import Scene
+from harness.device import machine_description
 from harness.errors import DefrayError
-from harness.measure import shared_scene
-from harness.recommend import Deeper, Limits, advise, find_rows, lines_of
+from harness.measure import scene_facts, shared_scene
+from harness.recommend import Deeper, Limits, advise, find_rows, lines_of, measured_here
+from harness.scene import load_scene
 
 PLAN = Plan(rays=1_000, aimed=1_000, repetitions=1)
 
@@ -71,13 +75,59 @@ def test_nothing_that_meets_the_limits_is_one_line():
     assert advice.choice is None and len(lines_of(advice)) == 1
 
 
-def test_rows_come_from_the_folder_and_from_the_most_rays(tmp_path):
-    file = accuracy_file(tmp_path)
-    for row in (accuracy_row("sponza", "embree"), accuracy_row("crown", "embree"),
-                accuracy_row("sponza", "deferred:pbrt", rays=1000)):
-        file.append(row)
-    assert [row["variant"] for row in find_rows("sponza", tmp_path)] == ["embree"]
-    assert find_rows("conference", tmp_path) == []
+# ---------------------------------------------------------------- rows on file
+
+BALL = Scene("ball", icosphere(1), source="file", sha256="cd" * 32)
+
+
+def stored(folder, device, variant="deferred:ray-space", scene=(), machine=(), **changed) -> None:
+    """Append a made-up row of BALL on this machine, `scene` and `machine` over its facts."""
+    row = accuracy_row("ball", variant, **changed)
+    row["scene"] |= {"source": BALL.source, "sha256": BALL.sha256} | dict(scene)
+    row["machine"] = machine_description(device) | dict(machine)
+    row["id"] = hashlib.sha256(repr((variant, changed)).encode()).hexdigest()[:16]
+    accuracy_file(folder).append(row)
+
+
+def test_rows_come_from_the_folder_and_from_the_most_rays(tmp_path, device):
+    stored(tmp_path, device, "embree")
+    stored(tmp_path, device, "deferred:pbrt", rays=1000)
+    assert [row["variant"] for row in find_rows(BALL, device, tmp_path)] == ["embree"]
+
+
+@pytest.mark.parametrize("other", [{"sha256": "ef" * 32}, {"source": "stand-in"}, {"source": "real"}])
+def test_rows_of_another_scene_of_the_same_name_are_left_alone(tmp_path, device, other):
+    stored(tmp_path, device, scene=other)
+    assert find_rows(BALL, device, tmp_path) == []
+
+
+@pytest.mark.parametrize("other", [{"device": "other"}, {"platform": "other"}, {"cores": 999}, {"cpu": "other"}])
+def test_rows_of_another_machine_are_left_alone(tmp_path, device, other):
+    for variant in ("deferred:ray-space", "embree"):
+        stored(tmp_path, device, variant, machine=other)
+    found = [row["variant"] for row in find_rows(BALL, device, tmp_path)]
+    same_cpu = not {"cpu", "cores"} & set(other)
+    assert found == (["embree"] if same_cpu else []), "Embree's rate is the processor's, whatever device is opened"
+
+
+def test_a_graphics_card_may_sit_beside_another_processor():
+    row = accuracy_row("ball", "deferred:ray-space")
+    assert measured_here(row, row["machine"] | {"cpu": "another"}, on_cpu=False)
+    assert not measured_here(row, row["machine"] | {"device": "another"}, on_cpu=False)
+
+
+def test_a_variant_counts_once_with_the_most_aimed_rays_and_then_the_latest(tmp_path, device):
+    stored(tmp_path, device, aimed=200_000, rate=0.29)
+    stored(tmp_path, device, aimed=200_000, rate=0.30)
+    stored(tmp_path, device, aimed=100_000, rate=0.31)
+    (row,) = find_rows(BALL, device, tmp_path)
+    assert row["aimed"]["rays"] == 200_000 and row["rate"]["median"] == pytest.approx(0.30e6, rel=0.01)
+
+
+def test_an_unknown_device_is_refused_though_rows_are_on_file(tmp_path, device):
+    stored(tmp_path, device)
+    result = CliRunner().invoke(app, ["recommend", "teapot", "--from", str(tmp_path), "--device", "nope"])
+    assert isinstance(result.exception, DefrayError) and "no OpenCL device matches 'nope'" in str(result.exception)
 
 
 @pytest.mark.parametrize("limits", [{"leaks": 0.0}, {"leaks": 2.0}, {"leaks": float("nan")}, {"t_error": -1.0}])
@@ -109,7 +159,7 @@ def measured(mesh: str, device, *variants: str) -> list[dict]:
 
 def test_more_rays_show_the_limit_of_a_watertight_variant_and_refute_another(mesh, device):
     good, bad = measured(mesh, device, "deferred:ray-space", "deferred:moller-trumbore")
-    deeper = Deeper(mesh, Limits(1e-4), device.title, lambda _: None)
+    deeper = Deeper(mesh, Limits(1e-4), device, lambda _: None)
     assert deeper(good)["aimed"] | {"at_vertices": 0} == \
         {"rays": 30_000, "leaks": 0, "at_vertices": 0, "vertex_leaks": 0, "seed": 1}
     assert deeper(bad)["aimed"]["leaks"] > 0
@@ -122,13 +172,13 @@ def test_a_scene_that_is_on_no_file_is_measured(mesh, device, monkeypatch, tmp_p
     command = ["recommend", mesh, "--max-leaks", "1e-3", "--from", str(tmp_path), "--device", device.title]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0
-    assert "no rows of" in result.output and "ball.npz: deferred:ray-space" in result.output
+    assert "no rows of ball on" in result.output and "ball.npz: deferred:ray-space" in result.output
     shown = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)
     assert shown["choice"]["variant"] == "deferred:ray-space" and len(shown["notes"]) == 2
 
 
-def test_nothing_accurate_enough_exits_with_1(tmp_path):
-    accuracy_file(tmp_path).append(accuracy_row("sponza", "embree"))
-    result = CliRunner().invoke(app, ["recommend", "sponza", "--from", str(tmp_path)])
+def test_nothing_accurate_enough_exits_with_1(mesh, device, tmp_path):
+    stored(tmp_path, device, "embree", scene=scene_facts(load_scene(mesh)))
+    result = CliRunner().invoke(app, ["recommend", mesh, "--from", str(tmp_path), "--device", device.title])
     assert result.exit_code == 1 and result.stdout == ""
-    assert "no variant measured on sponza is shown to have leaks below 1e-06" in result.output
+    assert "ball.npz is shown to have leaks below 1e-06" in result.output

@@ -77,7 +77,8 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
 
 def _panel(axis, numbers: pd.DataFrame, name: str) -> None:
     finite = numbers[numbers[name] < float("inf")]
-    low, high = max(finite[name].min(), FLOOR), finite[name].max()
+    drawn = finite[name].clip(lower=FLOOR)
+    low, high = (drawn.min(), drawn.max()) if len(drawn) else (FLOOR, 10 * FLOOR)
     rates = numbers["million_tests_per_s"]
     axis.set(xscale="log", yscale="log", xlim=(high * 3, low / 60), xlabel=METRICS[name].label,
              ylim=(rates.min() / 1.2, rates.max() * 1.2))

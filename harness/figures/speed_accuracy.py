@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import textwrap
 
@@ -21,6 +22,8 @@ SECTION = "Speed against accuracy"
 TITLE = "Whole trace against leaks of rays aimed at edges and vertices"
 NEEDS = "rows of 'defray accuracy'"
 X, Y = "leak_rate", "rate"
+LINE = 7.4  # points from one line of a name to the next
+LETTER = 3.6  # points a letter of a name is wide, with its share of the margin
 
 
 def select(runs: Runs) -> pd.DataFrame:
@@ -64,15 +67,34 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     aimed = int(numbers["aimed_rays"].max())
     default = numbers[numbers["default"]]
     near = f"{int(default['within_noise'].sum())} of {len(default)} scenes"
+    standing = ". ".join(standing_of(name, rows) for name, rows in numbers.groupby("scene", sort=False)
+                         if rows["default"].any())
     return (f"Up is faster, right loses fewer rays. Across: −log10 of the share of up to {aimed:,} aimed rays that a "
             "variant lets through, at the upper end of its 95 % interval; each ray is aimed at an edge or a vertex "
             "whose triangles face it and leave no gap. Hollow marks with an arrow: none was let through, drawn at "
             "3/N. Lines join the variants of one tracer that no other of it beats in both; the broad grey line, "
             "those that none beats at all. Colour is the tracer, the mark its ray/triangle test; beaten points are "
             "pale, but for the default variant, which is on the deferred tracer's frontier, or within the noise of "
-            f"it, on {near}. Embree runs its own hierarchy and vector code on all cores: the outside reference. "
+            f"it, on {near}. The default variant on {standing or 'no scene'}. "
+            "Embree runs its own hierarchy and vector code on all cores: the outside reference. "
             f"{rays_note(numbers)} So few favour forward tracing and Embree: deferral gains with their number, as "
             "the figure of whole traces shows; compare the variants of one tracer.")
+
+
+def standing_of(name: str, scene: pd.DataFrame) -> str:
+    """Where the default stands on a scene: on which frontiers, and how much faster is what leaks as little."""
+    default = scene[scene["default"]].iloc[0]
+    own = "on" if default["on_own_frontier"] else "off"
+    every = "on" if default["on_frontier"] else "off"
+    text = f"{name}: {own} its tracer's frontier, {every} that of all; "
+    leak_as_little = scene[scene["leak_bound"] <= default["leak_bound"]]
+    own_tracer = leak_as_little[leak_as_little["tracer"] == default["tracer"]]
+    best = [rows.loc[rows["total_mrays_per_s"].idxmax()] for rows in (own_tracer, leak_as_little)]
+    faster = [f"{row['series']}{'' if row['tracer'] == default['tracer'] else ' (' + row['tracer'] + ')'} is "
+              f"{row['total_mrays_per_s'] / default['total_mrays_per_s']:.3g} times as fast"
+              for row in best if row["total_mrays_per_s"] > default["total_mrays_per_s"]]
+    return text + (f"with as few leaks, {' and '.join(dict.fromkeys(faster))}" if faster
+                   else "nothing with as few leaks is faster")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
@@ -80,10 +102,11 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     scenes = list(dict.fromkeys(numbers["scene"]))
     columns = 1 if narrow or len(scenes) == 1 else 2
     lines = -(-len(scenes) // columns)
-    figure = style.canvas(1.2 + 2.75 * lines, narrow)
+    height = panel_height(numbers)
+    figure = style.canvas(1.2 + (height + 0.55) * lines, narrow)
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True).ravel()
     for axis, name in zip(axes, scenes):
-        _panel(axis, numbers[numbers["scene"] == name], numbers, columns == 1 and not narrow)
+        _panel(axis, numbers[numbers["scene"] == name], numbers, columns == 1 and not narrow, LINE / (72 * height))
         axis.set_title(name, loc="left")
         axis.set_ylabel(METRICS[Y].label if narrow or columns == 1 else "million rays per second")
     for axis in axes[len(scenes):]:
@@ -95,7 +118,25 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     return figure
 
 
-def _panel(axis, scene: pd.DataFrame, numbers: pd.DataFrame, wide: bool) -> None:
+def panel_height(numbers: pd.DataFrame) -> float:
+    """Inches of a panel in which the names of the densest scene fit below one another."""
+    lines = (sum(label_of(row).count("\n") + 1.3 for row in named(scene).itertuples())
+             for _, scene in numbers.groupby("scene", sort=False))
+    return max(2.2, max(lines) * LINE / 72 / 0.94)
+
+
+def named(scene: pd.DataFrame) -> pd.DataFrame:
+    """Variants whose names are written, slowest first: those on their tracer's frontier, and the default."""
+    return scene[scene["on_own_frontier"] | scene["default"]].sort_values("total_mrays_per_s")
+
+
+def label_of(row) -> str:
+    """Name of a variant in lines of a panel's width."""
+    return textwrap.fill(f"{row.series} (default)" if row.default else row.series, 24)
+
+
+def _panel(axis, scene: pd.DataFrame, numbers: pd.DataFrame, wide: bool, line: float) -> None:
+    """`line`: height of a line of text, as a share of the panel's."""
     worst, best = numbers["minus_log10_leak_bound"].min(), numbers["minus_log10_leak_bound"].max()
     low, high = scene["total_mrays_per_s_low"].min() / 1.1, scene["total_mrays_per_s_high"].max() * 1.2
     axis.set(yscale="log", xlim=(max(0, worst - 0.3), best + (best - worst) * (0.4 if wide else 0.65)),
@@ -107,7 +148,7 @@ def _panel(axis, scene: pd.DataFrame, numbers: pd.DataFrame, wide: bool) -> None
         _line(axis, rows[rows["on_own_frontier"]], style.of_tracer(tracer)[0], 1.0)
     for row in scene.sort_values(["on_own_frontier", "default"]).itertuples():
         _point(axis, row)
-    _names(axis, scene[scene["on_own_frontier"] | scene["default"]])
+    _names(axis, named(scene), scene, line)
 
 
 def _line(axis, rows: pd.DataFrame, colour: str, width: float) -> None:
@@ -129,17 +170,25 @@ def _point(axis, row) -> None:
               markerfacecolor=style.PAGE if hollow else look["color"])
 
 
-def _names(axis, rows: pd.DataFrame) -> None:
-    """Names of the frontier's points to their right, moved apart where they would meet."""
-    rows = rows.sort_values("total_mrays_per_s")
+def _names(axis, rows: pd.DataFrame, scene: pd.DataFrame, line: float) -> None:
+    """Names of the frontier's points to their right, moved apart where they would meet.
+
+    A name that would lie on a point of the scene goes to the column right of all points.
+    """
     to_axis = axis.transScale + axis.transLimits
-    points = [tuple(map(float, to_axis.transform(point))) for point in
-              zip(rows["minus_log10_leak_bound"], rows["total_mrays_per_s"], strict=True)]
-    heights = style.spread([y for _, y in points], 0.095, 0.03, 0.97)
-    for row, (x, y), height in zip(rows.itertuples(), points, heights, strict=True):
+    points, every = (to_axis.transform(part[["minus_log10_leak_bound", "total_mrays_per_s"]].to_numpy(float))
+                     for part in (rows, scene))
+    letter = LETTER / (72 * axis.figure.get_figwidth() / axis.get_subplotspec().get_gridspec().ncols)
+    texts = [label_of(row) for row in rows.itertuples()]
+    sizes = [(text.count("\n") + 1.3) * line for text in texts]
+    gaps = [(one + two) / 2 for one, two in itertools.pairwise(sizes)]
+    heights = style.spread([y for _, y in points], gaps, sizes[0] / 2, 1 - sizes[-1] / 2) if sizes else []
+    for row, (x, y), height, text, size in zip(rows.itertuples(), points, heights, texts, sizes, strict=True):
         colour = style.of_tracer(row.tracer)[0]
-        text = textwrap.fill(f"{row.series} (default)" if row.default else row.series, 24)
-        axis.annotate(text, (x, y), (x + 0.055, height), xycoords="axes fraction", textcoords="axes fraction",
+        right = x + 0.08 + letter * max(map(len, text.splitlines()))
+        covered = (every[:, 0] > x + 0.02) & (every[:, 0] < right) & (abs(every[:, 1] - height) < size / 2 + line / 2)
+        place = (every[:, 0].max() if covered.any() else x) + 0.055
+        axis.annotate(text, (x, y), (place, height), xycoords="axes fraction", textcoords="axes fraction",
                       fontsize=6, va="center", color=colour, zorder=4,
                       arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 3})
 

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
@@ -155,17 +157,25 @@ def log_axis(axis, low: float, high: float, sparse: bool = False) -> None:
     axis.set_minor_locator(FixedLocator([]))
 
 
-def spread(places: list[float], gap: float, low: float, high: float) -> list[float]:
-    """Positions near `places` (ascending), at least `gap` apart, inside [low, high] when they fit."""
-    moved = list(places)
-    for _ in range(200):
-        for one, two in zip(range(len(moved) - 1), range(1, len(moved)), strict=True):
-            lack = gap - (moved[two] - moved[one])
-            if lack > 1e-9:
-                moved[one] -= lack / 2
-                moved[two] += lack / 2
-        moved = [min(max(place, low), high) for place in moved]
-    return moved
+def spread(places: Sequence[float], gap: float | Sequence[float], low: float, high: float) -> list[float]:
+    """Positions as near to `places` (ascending) as may be, at least `gap` apart, inside [low, high].
+
+    `gap`: one for all, or that between each place and the next. All gaps shrink alike where they do not fit.
+    """
+    if not len(places):
+        return []
+    gaps = np.broadcast_to(np.asarray(gap, float), len(places) - 1)
+    offsets = np.append(0.0, np.cumsum(gaps))
+    offsets *= min(1.0, (high - low) / offsets[-1]) if offsets[-1] else 1.0
+    groups: list[tuple[float, int]] = []  # mean and number of neighbours that touch: isotonic regression
+    for place in np.asarray(places, float) - offsets:
+        mean, count = float(place), 1
+        while groups and groups[-1][0] > mean:
+            before, number = groups.pop()
+            mean, count = (mean * count + before * number) / (count + number), count + number
+        groups.append((mean, count))
+    shifts = np.concatenate([np.full(count, mean) for mean, count in groups])
+    return list(map(float, shifts.clip(low, high - offsets[-1]) + offsets))
 
 
 def errors(numbers, value: str):
