@@ -26,6 +26,7 @@ from harness.plan import check_variant, needs_grid
 from harness.spec import RunSpec, Variant
 from harness.stopwatch import Stopwatch
 from harness.tracers._base import Tracer
+from harness.tracers.forward import EXITS
 
 PAPER_GRID = GridSpec(8, 128, "total")
 SEED = 1  # of both sets of rays
@@ -84,12 +85,13 @@ class Plan:
 
 
 def default_contenders(device) -> list[Contender]:
-    """Every intersector in the deferred tracer, contraction off and on; the default one with every other binning,
-    forward, and forward rejecting hits beyond the cell; Embree robust and fast."""
+    """Every intersector in the deferred tracer, contraction off and on; the default one with every other binning, and
+    forward with every binning and exit rule; Embree robust and fast."""
     usable = [i.name for i in intersectors.INTERSECTORS.values() if device.has_double or not i.needs_double]
     texts = [f"deferred:{name}{contraction}" for name in usable for contraction in ("", ":contraction=on")]
     texts += [f"deferred:binning={binning}" for binning in BINNINGS[1:]]
-    texts += ["forward", "forward:exit=reject", "embree", "embree:robust=false"]
+    texts += [f"forward:binning={binning}:exit={rule}" for binning in BINNINGS for rule in EXITS]
+    texts += ["embree", "embree:robust=false"]
     return [Contender.parse(text) for text in texts]
 
 

@@ -20,11 +20,11 @@ from harness.intersectors import Intersector
 from harness.stability.walk import walk_digest, walk_family
 from harness.stopwatch import Stopwatch
 from harness.tracers._base import Setting
+from harness.tracers.forward import EXITS
 
 __all__ = ["EXITS", "SCENES", "binning_study", "grid_digest", "grid_family", "walk_digest", "walk_family"]
 
 SPEC = GridSpec(4, 32)
-EXITS = ("keep", "reject")
 TRACERS = {"forward": {"exit": "keep"}, "deferred": {}}
 _STREAM = 4 << 32  # separates these random numbers from those of other ray sets with the same seed
 _ANCHOR = 1 / 64  # size of the two triangles that fix the bounds of the scenes with walls

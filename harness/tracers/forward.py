@@ -11,6 +11,8 @@ from harness.runtime import cl
 from harness.stopwatch import Stopwatch
 from harness.tracers._base import Batch, DeviceOptions, DeviceTracer
 
+EXITS = ("keep", "reject")  # what becomes of a hit beyond the exit of its cell
+
 
 class ForwardOptions(DeviceOptions):
     """`exit`: whether a hit beyond the cell's exit is kept as the best so far, or rejected as in textbooks."""
