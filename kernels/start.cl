@@ -14,7 +14,7 @@ kernel void start_rays(const int count, global const float *origins, global cons
     const Walk w = walk_setup(grid, ray);
     rays[i] = ray;
     keys[i] = hit_key(ray.t_max, NO_PRIMITIVE);
-    positions[i] = walk_entry(&w, ray.t_max);
+    positions[i] = walk_entry(&w, grid, ray.t_max);
     t_exit[i] = 0.0f;
 }
 

@@ -47,13 +47,13 @@ inline Group load_group(const Grid grid, int first, int active_count, global con
 }
 
 // Keeps where each ray stopped, or that it has left the grid.
-inline void save_group(const Group *g, int first, int active_count, global const int *active,
+inline void save_group(const Group *g, const Grid grid, int first, int active_count, global const int *active,
                        global ulong *positions, global float *t_exit)
 {
     int cell[3][WALK_LANES], inside[WALK_LANES];
     float t[WALK_LANES];
     walk_store(g->walk.x.cell, cell[0]), walk_store(g->walk.y.cell, cell[1]), walk_store(g->walk.z.cell, cell[2]);
-    walk_store(walk_inside(&g->walk), inside);
+    walk_store(walk_inside(&g->walk, grid_resolution(grid)), inside);
     walk_store(g->walk.t_exit, t);
     for (int lane = 0; lane < WALK_LANES && first + lane < active_count; ++lane) {
         const int i = active[first + lane];
@@ -71,7 +71,7 @@ inline walk_int group_step(Group *g, const Grid grid, int wave)
     const walk_int met = g->go & (cell >= 0);
     g->stored += walk_pick((walk_int)(0), (walk_int)(1), met);
     const walk_int enough = (g->stored >= wave) | (g->limit <= g->walk.t_exit);
-    g->go &= walk_inside(&g->walk) & walk_not(enough);
+    g->go &= walk_inside(&g->walk, grid_resolution(grid)) & walk_not(enough);
     return walk_pick((walk_int)(NO_CELL), cell, met);
 }
 
@@ -132,7 +132,7 @@ kernel void pack_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_
             if (cell[lane] != NO_CELL)
                 pairs[atomic_inc(cursor + cell[lane])] = active[first + lane];
     }
-    save_group(&group, first, active_count, active, positions, t_exit);
+    save_group(&group, grid, first, active_count, active, positions, t_exit);
 }
 
 // Walks once and remembers each ray's cells, here at most `wave` of them in `wave` + 1 slots a ray: every step
@@ -158,5 +158,5 @@ kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *
     END_COUNTS
     for (int lane = 0; lane < WALK_LANES && first + lane < active_count; ++lane)
         recorded_count[first + lane] = stored[lane];
-    save_group(&group, first, active_count, active, positions, t_exit);
+    save_group(&group, grid, first, active_count, active, positions, t_exit);
 }

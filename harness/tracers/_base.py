@@ -182,8 +182,8 @@ class DeviceTracer(Tracer):
 
     @cached_property
     def _start_program(self) -> Program:
-        spec = self.grid.spec if self.grid else GridSpec(1, 1)
-        return build(self.device, "start.cl", defines=walk_defines(spec))
+        defines = self.grid.defines if self.grid else walk_defines(GridSpec(1, 1))
+        return build(self.device, "start.cl", defines=defines)
 
     def start(self, batch: Batch) -> None:
         """Prepare the ray records and, with a grid, find where each ray enters it."""
