@@ -118,7 +118,7 @@ def test_grids():
         plan.parse_grid("8/100")
     with pytest.raises(DefrayError, match=r"needs; 8 would do"):
         plan.parse_grid("8/5")
-    with pytest.raises(DefrayError, match="unknown reading 'each'; known: per-cell, total"):
+    with pytest.raises(DefrayError, match="unknown reading 'each'; known: adaptive, per-cell"):
         plan.parse_grid("8/128 each")
     with pytest.raises(DefrayError, match="not a grid"):
         plan.parse_grid("128")
@@ -176,7 +176,7 @@ def test_tiers_include_others_and_runs_stand_once(fakes, tmp_path):
             "deferd:ray-space",
             "sweep 'one': unknown tracer 'deferd'; known: brute",
         ),
-        ("deferred:ray-space:wave=8", "deferred:ray", "unknown intersector 'ray'; known: moller-trumbore"),
+        ("deferred:ray-space:wave=8", "deferred:ray", "unknown intersector 'ray'; known: baldwin-weber"),
         ("ray-space:wave=8", "ray-space:wav=8", "unknown option of tracer deferred 'wav'; known: arrange"),
         ("ray-space:wave=8", "ray-space:wave=0", "option wave=0 of deferred: "),
         ("deferred:ray-space:wave=8", "deferred:ray-space:wave", "'wave'.*not of the form option=value"),
