@@ -17,7 +17,7 @@ inline int ray_finished(ulong position, ulong key, float t_exit)
     return position == LEFT_GRID || key_t(key) <= t_exit;
 }
 
-inline Group load_group(const Grid grid, int first, int active_count, global const int *active,
+hot_path Group load_group(const Grid grid, int first, int active_count, global const int *active,
                         global const Ray *rays, global const ulong *keys, global const ulong *positions,
                         global const float *t_exit)
 {
@@ -47,7 +47,7 @@ inline Group load_group(const Grid grid, int first, int active_count, global con
 }
 
 // Keeps where each ray stopped, or that it has left the grid.
-inline void save_group(const Group *g, const Grid grid, int first, int active_count, global const int *active,
+hot_path void save_group(const Group *g, const Grid grid, int first, int active_count, global const int *active,
                        global ulong *positions, global float *t_exit)
 {
     int cell[3][WALK_LANES], inside[WALK_LANES];
@@ -65,7 +65,7 @@ inline void save_group(const Group *g, const Grid grid, int first, int active_co
 }
 
 // One step of all lanes; returns each lane's non-empty cell or NO_CELL, and stops the lanes that are through.
-inline walk_int group_step(Group *g, const Grid grid, int wave)
+hot_path walk_int group_step(Group *g, const Grid grid, int wave)
 {
     const walk_int cell = walk_step(&g->walk, grid, g->go);
     const walk_int met = g->go & (cell >= 0);
@@ -122,7 +122,7 @@ kernel void count_pairs(WALK_ARGUMENTS, global const ulong *positions, global co
 
 // Second pass: walks again and stores each ray in its cell's bin.
 kernel void pack_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_exit, global int *cursor,
-                       global int *pairs)
+                       global Pair *pairs)
 {
     LOAD_GROUP
     while (walk_any(group.go)) {
@@ -130,7 +130,7 @@ kernel void pack_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_
         walk_store(group_step(&group, grid, wave), cell);
         for (int lane = 0; lane < WALK_LANES; ++lane)
             if (cell[lane] != NO_CELL)
-                pairs[atomic_inc(cursor + cell[lane])] = active[first + lane];
+                pairs[atomic_inc(cursor + cell[lane])] = pair_of(active[first + lane], rays, keys);
     }
     save_group(&group, grid, first, active_count, active, positions, t_exit);
 }
