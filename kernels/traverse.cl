@@ -145,7 +145,7 @@ kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *
     int stored[WALK_LANES];
     walk_store(group.stored, stored);
     global int *slots = recorded + (size_t)first * (wave + 1);
-    while (walk_any(group.go)) {
+    for (int step = 0; step < STEPS && walk_any(group.go); ++step) {
         count_steps(group.go);
         int cell[WALK_LANES];
         const walk_int met = group_step(&group, grid, wave);

@@ -196,9 +196,10 @@ class DeviceTracer(Tracer):
 
     def finish(self, batch: Batch) -> None:
         """Turn best keys into hits."""
-        program = build(self.device, "hits.cl", intersector=self.intersector.file, defines=self.contraction)
+        lanes, file = self.device.native_lanes, self.intersector.file
+        program = build(self.device, "hits.cl", intersector=file, lanes=lanes, defines=self.contraction)
         arguments = (batch.rays, batch.keys, self.triangles, *batch.hits)
-        program.launch("write_hits", batch.count, batch.count, *arguments)
+        program.launch("write_hits", -(-batch.count // lanes), batch.count, *arguments)
 
     def prepare(self, batch: Batch) -> None:
         """Untimed work before a batch."""

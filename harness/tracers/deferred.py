@@ -10,7 +10,7 @@ import functools
 from typing import Literal
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import Field, field_validator
 
 from harness.device import Device
 from harness.intersectors import LANES, Intersector
@@ -32,6 +32,8 @@ class DeferredOptions(DeviceOptions):
     wave: str = "4"
     compaction: bool = True
     rays: Literal["gather", "copy"] = "gather"
+    steps: int = 1 << 30
+    growth: int = Field(default=1, ge=1, le=64, description="times as many cells in each wave as in the one before")
 
     @field_validator("wave")
     @classmethod
@@ -53,7 +55,7 @@ class DeferredOptions(DeviceOptions):
     @property
     def defines(self) -> dict[str, int]:
         """Definitions for the kernels that write and read pairs."""
-        return {"COPY_RAYS": 1} if self.rays == "copy" else {}
+        return ({"COPY_RAYS": 1} if self.rays == "copy" else {}) | {"STEPS": self.steps}
 
 
 class Deferred(DeviceTracer):
@@ -77,8 +79,10 @@ class Deferred(DeviceTracer):
         arrange = _TwoPass if self.options.arrange == "two-pass" else _Record
         active, active_count = cl.array.arange(queue, batch.count, dtype=np.int32), batch.count
         spare = self.room("spare", batch.count)
+        length = self.options.cells
         while active_count:
-            arranged = arrange(self, batch, walk, bins, active, active_count)
+            arranged = arrange(self, batch, walk, bins, active, active_count, length)
+            length = min(length * self.options.growth, ENDLESS)
             with watch.stage("traverse"):
                 bins.clear()
                 arranged.walk()
@@ -178,11 +182,13 @@ class _Bins:
 class _TwoPass:
     """The paper's arrangement: the first walk counts, the second packs."""
 
-    def __init__(self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int):
+    def __init__(
+        self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int, length: int
+    ):
         self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
         self.groups = -(-active_count // tracer.lanes)
         rays = (active_count, active, batch.rays, batch.keys)
-        self.arguments = (*rays, *tracer.grid.arguments, tracer.options.cells, batch.positions, batch.t_exit)
+        self.arguments = (*rays, *tracer.grid.arguments, length, batch.positions, batch.t_exit)
 
     def walk(self) -> None:
         """Count ray visits to each cell."""
@@ -215,14 +221,16 @@ class _Segment:
 class _Record:
     """Walks once: remembers cells and ranks in segments, then scatters them into the bins."""
 
-    def __init__(self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int):
+    def __init__(
+        self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int, length: int
+    ):
         self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
-        self.active, self.active_count = active, active_count
+        self.active, self.active_count, self.length = active, active_count, length
         self.segments: list[_Segment] = []
 
     def walk(self) -> None:
         """Record up to `wave` cells a ray; a wave longer than a segment takes several passes."""
-        active, count, left = self.active, self.active_count, self.tracer.options.cells
+        active, count, left = self.active, self.active_count, self.length
         queue = self.tracer.device.queue
         while count and left > 0:
             length = min(left, SEGMENT)
