@@ -183,14 +183,15 @@ class DeviceTracer(Tracer):
     @cached_property
     def _start_program(self) -> Program:
         defines = self.grid.defines if self.grid else walk_defines(GridSpec(1, 1))
-        return build(self.device, "start.cl", defines=defines)
+        return build(self.device, "start.cl", defines={**defines, "WALK_LANES": self.device.native_lanes})
 
     def start(self, batch: Batch) -> None:
         """Prepare the ray records and, with a grid, find where each ray enters it."""
         inputs = (batch.count, batch.origins, batch.directions, batch.t_max)
         if self.grid:
             outputs = (batch.rays, batch.keys, batch.positions, batch.t_exit)
-            self._start_program.launch("start_rays", batch.count, *inputs, *self.grid.arguments, *outputs)
+            groups = -(-batch.count // self.device.native_lanes)
+            self._start_program.launch("start_rays", groups, *inputs, *self.grid.arguments, *outputs)
         else:
             self._start_program.launch("start_rays_without_grid", batch.count, *inputs, batch.rays, batch.keys)
 
