@@ -21,6 +21,7 @@ from harness.tracers._base import Batch, BatchTooLarge, DeviceOptions, DeviceTra
 
 ENDLESS = 1 << 30  # more non-empty cells than a ray can meet
 LONGEST_WAVE = 4096  # cells; beyond, say `all`
+RECORDED_TOGETHER = 8  # rays a lane that a work-item of kernels/traverse.cl records
 SEGMENT = 32  # cells a ray that one recording pass remembers at most
 
 
@@ -32,7 +33,7 @@ class DeferredOptions(DeviceOptions):
     wave: str = "4"
     compaction: bool = True
     rays: Literal["gather", "copy"] = "gather"
-    steps: int = 1 << 30
+    steps: int = 4
     growth: int = Field(default=1, ge=1, le=64, description="times as many cells in each wave as in the one before")
 
     @field_validator("wave")
@@ -55,7 +56,7 @@ class DeferredOptions(DeviceOptions):
     @property
     def defines(self) -> dict[str, int]:
         """Definitions for the kernels that write and read pairs."""
-        return ({"COPY_RAYS": 1} if self.rays == "copy" else {}) | {"STEPS": self.steps}
+        return ({"COPY_RAYS": 1} if self.rays == "copy" else {}) | {"EXCHANGE": self.steps}
 
 
 class Deferred(DeviceTracer):
@@ -213,6 +214,8 @@ class _Segment:
         self.active, self.count, self.slots = active, count, length + 1
         # The last group of lanes may be partly empty and still writes its first slots.
         places = (count + max(LANES)) * self.slots
+        if places >= 2**31:
+            raise BatchTooLarge(f"{8 * places / 2**20:.1f} MiB for its recorded cells")
         self.cells, self.ranks = (tracer.room(f"recorded {what} {number}", places) for what in ("cells", "ranks"))
         self.lengths = tracer.room(f"recorded lengths {number}", count)
         self.bytes = 8 * places + 4 * count
@@ -249,7 +252,7 @@ class _Record:
         batch, tracer, count = self.batch, self.tracer, segment.count
         self.program.launch(
             "record_pairs",
-            -(-count // tracer.lanes),
+            -(-count // (RECORDED_TOGETHER * tracer.lanes)) if tracer.lanes > 1 else count,
             *(count, segment.active, batch.rays, batch.keys, *tracer.grid.arguments, length),
             *(batch.positions, batch.t_exit, segment.cells, segment.lengths, *tracer.counting),
         )
