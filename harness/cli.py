@@ -108,7 +108,7 @@ def trace(
         typer.Option(
             metavar="KEY=VALUE",
             help="Option of the tracer, may be repeated: wave, arrange, compaction (deferred), exit (forward), "
-            "lanes, batch, robust, threads (embree).",
+            "pairs, growth (deferred), lanes, batch, robust, threads (embree).",
         ),
     ] = None,
     rays: RaysOption = "1M",

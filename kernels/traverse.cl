@@ -96,9 +96,7 @@ inline int count_lanes(walk_int m)
 #else
 #define RAYS_PER_ITEM (8 * WALK_LANES)
 #endif
-#ifndef EXCHANGE
-#define EXCHANGE 4
-#endif
+#define EXCHANGE 6
 
 #define WALK_ARGUMENTS                                                                                      \
     const int active_count, global const int *active, global const Ray *rays, global const ulong *keys,     \

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from shapes import aimed_rays, icosphere, lattice_walls, random_rays, soup
+from shapes import REPRESENTATIVE, aimed_rays, icosphere, lattice_walls, random_rays, soup
 from test_grid import sampled_cells
 from test_tracers import GRID_TRACERS, hits_of
 
@@ -254,11 +254,12 @@ def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, spec):
 
 @pytest.mark.parametrize("arrange", ["two-pass", "record"])
 @pytest.mark.parametrize("wave", ["1", "8", "all"])
-@pytest.mark.parametrize("lanes", ["1", "8"])
-def test_options_of_the_deferred_tracer_change_no_bit(device, arrange, wave, lanes):
+@pytest.mark.parametrize("lanes", ["1", "4", "8", "16"])
+@pytest.mark.parametrize("copied", ["index", "copy"])
+def test_options_of_the_deferred_tracer_change_no_bit(device, arrange, wave, lanes, copied):
     mesh, rays = MESHES["clumps"]
     setting = setting_of(device, mesh, SPECS[1])
-    options = {"arrange": arrange, "wave": wave, "lanes": lanes}
+    options = {"arrange": arrange, "wave": wave, "lanes": lanes, "pairs": copied, "growth": "2"}
     assert hits_of(setting, rays, "deferred", **options).tobytes() == hits_of(setting, rays, "brute").tobytes()
 
 
@@ -309,6 +310,18 @@ def test_counters_are_exact_and_empty_space_costs_few_steps(device):
         assert (forward.steps, forward.pairs) == (counts[name].steps, counts[name].pairs)
         assert sum(counts[name].finished_per_wave) == len(rays)
     assert counts["adaptive"].steps < 0.5 * counts["per-cell"].steps
+
+
+def test_hits_written_in_lanes_are_those_written_one_by_one(device):
+    """Also u and v, which no tracer computes itself."""
+    mesh, rays = MESHES["soup"]
+    setting = setting_of(device, mesh)
+    for name in REPRESENTATIVE:
+        written = []
+        for lanes in (1, 8):
+            other = dataclasses.replace(setting, device=dataclasses.replace(device, native_lanes=lanes))
+            written.append(hits_of(other, rays[:2999], "forward", name))
+        assert (written[0].u > 0).any() and written[0].tobytes() == written[1].tobytes()
 
 
 # ---------------------------------------------------------------- how it is asked for and recorded

@@ -26,15 +26,15 @@ SEGMENT = 32  # cells a ray that one recording pass remembers at most
 
 
 class DeferredOptions(DeviceOptions):
-    """`arrange`: walk twice (the paper) or walk once and remember; `wave`: non-empty cells a ray, or `all`;
-    `rays`: whether a bin holds the index of a ray, which the intersector gathers, or a copy of the ray."""
+    """`arrange`: walk twice (the paper) or walk once and remember; `wave`: non-empty cells a ray, or `all`; `growth`:
+    times as many in each wave as in the one before; `pairs`: whether a bin holds the index of a ray, which the
+    intersector gathers, or a copy of the ray."""
 
     arrange: Literal["two-pass", "record"] = "two-pass"
     wave: str = "4"
     compaction: bool = True
-    rays: Literal["gather", "copy"] = "gather"
-    steps: int = 4
-    growth: int = Field(default=1, ge=1, le=64, description="times as many cells in each wave as in the one before")
+    pairs: Literal["index", "copy"] = "index"
+    growth: int = Field(default=1, ge=1, le=64)
 
     @field_validator("wave")
     @classmethod
@@ -51,12 +51,12 @@ class DeferredOptions(DeviceOptions):
     @property
     def pair_words(self) -> int:
         """32-bit words of a pair in its bin."""
-        return 8 if self.rays == "copy" else 1
+        return 8 if self.pairs == "copy" else 1
 
     @property
     def defines(self) -> dict[str, int]:
         """Definitions for the kernels that write and read pairs."""
-        return ({"COPY_RAYS": 1} if self.rays == "copy" else {}) | {"EXCHANGE": self.steps}
+        return {"COPY_RAYS": 1} if self.pairs == "copy" else {}
 
 
 class Deferred(DeviceTracer):
