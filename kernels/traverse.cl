@@ -17,33 +17,55 @@ inline int ray_finished(ulong position, ulong key, float t_exit)
     return position == LEFT_GRID || key_t(key) <= t_exit;
 }
 
-hot_path Group load_group(const Grid grid, int first, int active_count, global const int *active,
-                        global const Ray *rays, global const ulong *keys, global const ulong *positions,
-                        global const float *t_exit)
+// The rays that walk together in memory, where one can be exchanged for another.
+typedef struct {
+    float field[8][WALK_LANES];  // origin, direction, t_exit, best t
+    int cell[3][WALK_LANES], go[WALK_LANES], stored[WALK_LANES];
+    int row[WALK_LANES];         // place of the ray among the active ones, -1 for none
+} Seats;
+
+inline void sit_down(Seats *s, int lane, int row, global const int *active, global const Ray *rays,
+                     global const ulong *keys, global const ulong *positions, global const float *t_exit)
 {
-    float field[8][WALK_LANES];
-    int cell[3][WALK_LANES], go[WALK_LANES];
-    for (int lane = 0; lane < WALK_LANES; ++lane) {
-        const int i = active[min(first + lane, active_count - 1)];
-        const Ray r = rays[i];
-        const ulong position = positions[i], key = keys[i];
-        field[0][lane] = r.ox, field[1][lane] = r.oy, field[2][lane] = r.oz;
-        field[3][lane] = r.dx, field[4][lane] = r.dy, field[5][lane] = r.dz;
-        field[6][lane] = t_exit[i], field[7][lane] = key_t(key);
-        for (int axis = 0; axis < 3; ++axis)
-            cell[axis][lane] = unpack_axis(position, axis);
-        go[lane] = first + lane < active_count && !ray_finished(position, key, t_exit[i]) ? -1 : 0;
-    }
+    const int i = active[row];
+    const Ray r = rays[i];
+    const ulong position = positions[i], key = keys[i];
+    s->field[0][lane] = r.ox, s->field[1][lane] = r.oy, s->field[2][lane] = r.oz;
+    s->field[3][lane] = r.dx, s->field[4][lane] = r.dy, s->field[5][lane] = r.dz;
+    s->field[6][lane] = t_exit[i], s->field[7][lane] = key_t(key);
+    for (int axis = 0; axis < 3; ++axis)
+        s->cell[axis][lane] = unpack_axis(position, axis);
+    s->go[lane] = ray_finished(position, key, t_exit[i]) ? 0 : -1;
+    s->stored[lane] = 0;
+    s->row[lane] = row;
+}
+
+hot_path Group take_seats(const Seats *s, const Grid grid)
+{
     Group g;
-    g.walk.x = axis_setup(walk_load(field[0]), walk_load(field[3]), grid.lower.x, grid.inverse_cell.x);
-    g.walk.y = axis_setup(walk_load(field[1]), walk_load(field[4]), grid.lower.y, grid.inverse_cell.y);
-    g.walk.z = axis_setup(walk_load(field[2]), walk_load(field[5]), grid.lower.z, grid.inverse_cell.z);
-    g.walk.x.cell = walk_load(cell[0]), g.walk.y.cell = walk_load(cell[1]), g.walk.z.cell = walk_load(cell[2]);
-    g.walk.t_exit = walk_load(field[6]);
-    g.limit = walk_load(field[7]);
-    g.go = walk_load(go) != 0;
-    g.stored = 0;
+    g.walk.x = axis_setup(walk_load(s->field[0]), walk_load(s->field[3]), grid.lower.x, grid.inverse_cell.x);
+    g.walk.y = axis_setup(walk_load(s->field[1]), walk_load(s->field[4]), grid.lower.y, grid.inverse_cell.y);
+    g.walk.z = axis_setup(walk_load(s->field[2]), walk_load(s->field[5]), grid.lower.z, grid.inverse_cell.z);
+    g.walk.x.cell = walk_load(s->cell[0]), g.walk.y.cell = walk_load(s->cell[1]);
+    g.walk.z.cell = walk_load(s->cell[2]);
+    g.walk.t_exit = walk_load(s->field[6]);
+    g.limit = walk_load(s->field[7]);
+    g.go = walk_load(s->go) != 0;
+    g.stored = walk_load(s->stored);
     return g;
+}
+
+hot_path Group load_group(const Grid grid, int first, int active_count, global const int *active,
+                          global const Ray *rays, global const ulong *keys, global const ulong *positions,
+                          global const float *t_exit)
+{
+    Seats seats;
+    for (int lane = 0; lane < WALK_LANES; ++lane) {
+        sit_down(&seats, lane, min(first + lane, active_count - 1), active, rays, keys, positions, t_exit);
+        if (first + lane >= active_count)
+            seats.go[lane] = 0;
+    }
+    return take_seats(&seats, grid);
 }
 
 // Keeps where each ray stopped, or that it has left the grid.
@@ -69,7 +91,7 @@ hot_path walk_int group_step(Group *g, const Grid grid, int wave)
 {
     const walk_int cell = walk_step(&g->walk, grid, g->go);
     const walk_int met = g->go & (cell >= 0);
-    g->stored += walk_pick((walk_int)(0), (walk_int)(1), met);
+    g->stored += walk_where(met, (walk_int)(1));
     const walk_int enough = (g->stored >= wave) | (g->limit <= g->walk.t_exit);
     g->go &= walk_inside(&g->walk, grid_resolution(grid)) & walk_not(enough);
     return walk_pick((walk_int)(NO_CELL), cell, met);
@@ -142,29 +164,6 @@ kernel void pack_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_
     save_group(&group, grid, first, active_count, active, positions, t_exit);
 }
 
-// The rays that walk together in memory, where one can be exchanged for another.
-typedef struct {
-    float field[8][WALK_LANES];  // origin, direction, t_exit, best t
-    int cell[3][WALK_LANES], go[WALK_LANES], stored[WALK_LANES];
-    int row[WALK_LANES];         // place of the ray among the active ones, -1 for none
-} Seats;
-
-inline void sit_down(Seats *s, int lane, int row, global const int *active, global const Ray *rays,
-                     global const ulong *keys, global const ulong *positions, global const float *t_exit)
-{
-    const int i = active[row];
-    const Ray r = rays[i];
-    const ulong position = positions[i], key = keys[i];
-    s->field[0][lane] = r.ox, s->field[1][lane] = r.oy, s->field[2][lane] = r.oz;
-    s->field[3][lane] = r.dx, s->field[4][lane] = r.dy, s->field[5][lane] = r.dz;
-    s->field[6][lane] = t_exit[i], s->field[7][lane] = key_t(key);
-    for (int axis = 0; axis < 3; ++axis)
-        s->cell[axis][lane] = unpack_axis(position, axis);
-    s->go[lane] = ray_finished(position, key, t_exit[i]) ? 0 : -1;
-    s->stored[lane] = 0;
-    s->row[lane] = row;
-}
-
 // Keeps where a ray stopped, or that it has left the grid.
 inline void stand_up(const Seats *s, int lane, int3 resolution, global const int *active, global ulong *positions,
                      global float *t_exit, global int *recorded_count)
@@ -177,21 +176,6 @@ inline void stand_up(const Seats *s, int lane, int3 resolution, global const int
         return;
     positions[i] = inside ? pack_position(x, y, z) : LEFT_GRID;
     t_exit[i] = s->field[6][lane];
-}
-
-hot_path Group take_seats(const Seats *s, const Grid grid)
-{
-    Group g;
-    g.walk.x = axis_setup(walk_load(s->field[0]), walk_load(s->field[3]), grid.lower.x, grid.inverse_cell.x);
-    g.walk.y = axis_setup(walk_load(s->field[1]), walk_load(s->field[4]), grid.lower.y, grid.inverse_cell.y);
-    g.walk.z = axis_setup(walk_load(s->field[2]), walk_load(s->field[5]), grid.lower.z, grid.inverse_cell.z);
-    g.walk.x.cell = walk_load(s->cell[0]), g.walk.y.cell = walk_load(s->cell[1]);
-    g.walk.z.cell = walk_load(s->cell[2]);
-    g.walk.t_exit = walk_load(s->field[6]);
-    g.limit = walk_load(s->field[7]);
-    g.go = walk_load(s->go) != 0;
-    g.stored = walk_load(s->stored);
-    return g;
 }
 
 hot_path void keep_seats(const Group *g, Seats *s)
@@ -238,7 +222,7 @@ kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *
             walk_store(slot, place);
             for (int lane = 0; lane < WALK_LANES; ++lane)
                 recorded[place[lane]] = cell[lane];
-            slot += walk_pick((walk_int)(0), (walk_int)(1), met >= 0);
+            slot += walk_where(met >= 0, (walk_int)(1));
         }
         keep_seats(&group, &seats);
         seated = 0;
