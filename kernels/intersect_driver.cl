@@ -87,6 +87,8 @@ inline void keep_hits(global ulong *keys, lane_index ray_of_lane, real best_t, l
 }
 
 #if defined(INSIDE_FIRST) && LANES > 1
+#define AHEAD 6  // triangles between the one tested and the one asked for: they lie anywhere in memory
+
 // Takes the whole test of one triangle a lane, where one waits.
 cold_path void settle(const Frame *frame, global const float *triangles, lane_index waiting, real *best_t,
                       lane_index *best)
@@ -116,6 +118,9 @@ inline void test_triangles(const Frame *frame, global const float *triangles, gl
     lane_index waiting = -1;
     for (int k = begin; k < end; ++k) {
         const int primitive = references[k];
+#ifdef fetch_line
+        fetch_line(triangles + (size_t)references[min(k + AHEAD, end - 1)] * STORED_FLOATS);
+#endif
         const Stored triangle = load_stored(triangles, primitive);
         const mask inside = intersector_inside(frame, &triangle) & live;
         // The only branch, and seldom taken: whether some ray passes inside is a coin's toss.
