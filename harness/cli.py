@@ -37,12 +37,22 @@ RaysOption = Annotated[str, typer.Option(metavar="COUNT", help="Number of rays: 
 KindOption = Annotated[str, typer.Option(help="primary, diffuse, ambient-occlusion or random; see --ray-file.")]
 SeedOption = Annotated[int, typer.Option(help="Seed of the rays; the same seed gives the same rays.")]
 ViewOption = Annotated[str | None, typer.Option(help="Camera of the scene; its first by default.")]
-TopOption = Annotated[int, typer.Option(help="Cells per axis of the grid's first level.")]
-LeafOption = Annotated[int, typer.Option(help="Cells per axis of its second level; see --reading.")]
+TopOption = Annotated[
+    int | None,
+    typer.Option(help="Cells per axis of the grid's first level: 8, or, of an adaptive grid, as the scene needs."),
+]
+LeafOption = Annotated[
+    int | None,
+    typer.Option(help="Cells per axis of its second level, see --reading: 128, or at most 16 if adaptive."),
+]
+DensityOption = Annotated[
+    float | None, typer.Option(help="Leaf cells per triangle that an adaptive grid aims at.")
+]
 ReadingOption = Annotated[
     str,
     typer.Option(
-        help="What --leaf counts: 'total', cells over the whole scene, or 'per-cell', inside every top cell."
+        help="What --leaf counts: 'total', cells over the whole scene, or 'per-cell', inside every top cell; or "
+        "'adaptive': at most so many inside a top cell, by its number of triangles."
     ),
 ]
 RepetitionsOption = Annotated[int, typer.Option(min=1, help="Timed repetitions.")]
@@ -81,7 +91,7 @@ def trace(
         typer.Option(
             metavar="KEY=VALUE",
             help="Option of the tracer, may be repeated: wave, arrange, compaction (deferred), exit (forward), "
-            "lanes, batch, robust, threads (embree).",
+            "pairs, growth (deferred), lanes, batch, robust, threads (embree).",
         ),
     ] = None,
     rays: RaysOption = "1M",
@@ -96,17 +106,17 @@ def trace(
             "'t_max' float[n], or raw little-endian 6 x float32 a ray; the first --rays of them.",
         ),
     ] = None,
-    top: TopOption = 8,
-    leaf: LeafOption = 128,
+    top: TopOption = None,
+    leaf: LeafOption = None,
     reading: ReadingOption = "total",
+    density: DensityOption = None,
     repetitions: RepetitionsOption = 3,
     check: CheckOption = "embree",
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
     """Trace rays through one scene, check the hits and report the rate."""
-    from harness.data import GridSpec
-    from harness.plan import check_grid, interleaved
+    from harness.plan import interleaved, make_grid
     from harness.spec import Variant
 
     for part in option or []:
@@ -116,7 +126,7 @@ def trace(
     common = _common(rays, kind, seed, view, repetitions, check)
     if ray_file is not None:
         common |= {"kind": "file", "ray_file": ray_file}
-    grid = check_grid(GridSpec(top, leaf, reading))
+    grid = make_grid(top, leaf, reading, density)
     specs = list(interleaved(scene, [Variant.parse(text)], [grid], **common))
     record = _measure(specs, device)[0]
     if json:
@@ -144,9 +154,10 @@ def compare(
     kind: KindOption = "diffuse",
     seed: SeedOption = 1,
     view: ViewOption = None,
-    top: TopOption = 8,
-    leaf: LeafOption = 128,
+    top: TopOption = None,
+    leaf: LeafOption = None,
     reading: ReadingOption = "total",
+    density: DensityOption = None,
     repetitions: RepetitionsOption = 5,
     check: CheckOption = "embree",
     device: DeviceOption = None,
@@ -154,14 +165,13 @@ def compare(
 ) -> None:
     """Compare variants on the same rays, repetitions interleaved, as ratios with confidence intervals."""
     from harness.compare import comparison
-    from harness.data import GridSpec
-    from harness.plan import check_grid, interleaved
+    from harness.plan import interleaved, make_grid
     from harness.scene import check_name
     from harness.spec import Variant
 
     if len(variants) < 2:
         raise DefrayError("compare needs two variants or more, as in: defray compare deferred forward")
-    grid = check_grid(GridSpec(top, leaf, reading))
+    grid = make_grid(top, leaf, reading, density)
     common = _common(rays, kind, seed, view, repetitions, check)
     parsed = [Variant.parse(text) for text in variants]
     named = list(dict.fromkeys(name.strip() for name in scenes.split(",") if name.strip()))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+ADAPTIVE_LEAF = 16  # leaf cells per axis that a top cell of an adaptive grid has at most, unless said otherwise
 MISS = -1  # primitive index of a ray that hits nothing
 
 
@@ -55,23 +56,32 @@ class GridSpec:
 
     `top`: cells per axis of the first level. `leaf`: cells per axis of the second level, over the whole
     scene (`reading='total'`) or inside every top cell (`reading='per-cell'`).
+
+    `reading='adaptive'`: every top cell has its own number of leaf cells. Then `top` counts the cells along the
+    longest axis, 0 for a number from the triangle count; `leaf`, a power of two, is the most leaf cells per axis in
+    a top cell; `density` is the number of leaf cells wanted per triangle of a top cell, None for the default.
     """
 
     top: int = 8
     leaf: int = 128
     reading: str = "total"
+    density: float | None = None
 
     @property
     def leaf_per_top(self) -> int:
-        """Leaf cells per axis inside one top cell."""
+        """Leaf cells per axis inside one top cell; the most, of an adaptive grid."""
         return self.leaf // self.top if self.reading == "total" else self.leaf
 
     @property
     def resolution(self) -> int:
-        """Leaf cells per axis over the whole scene."""
+        """Leaf cells per axis over the whole scene; 0 where that is known only when the grid is built."""
         return self.top * self.leaf_per_top
 
     def __str__(self) -> str:
+        if self.reading == "adaptive":
+            shown = {"top": self.top or None, "leaf": self.leaf, "density": self.density}
+            shown["leaf"] = None if self.leaf == ADAPTIVE_LEAF else self.leaf
+            return " ".join(["adaptive", *(f"{key}={value:g}" for key, value in shown.items() if value is not None)])
         return f"{self.top}/{self.leaf} {self.reading}"
 
 

@@ -151,21 +151,38 @@ def stored_triangles(scene: DeviceScene, intersector: Intersector, defines: dict
     return scene.stored[key]
 
 
-def grid_box(scene: DeviceScene, spec: GridSpec) -> tuple[np.ndarray, np.ndarray]:
-    """Lower corner and cell size, float32[3] each: the scene's bounds and a margin."""
+def padded_bounds(scene: DeviceScene) -> tuple[np.ndarray, np.ndarray]:
+    """The scene's bounds and a margin: lower corner float32[3] and, from there, the extent float64[3]."""
     extent = scene.upper - scene.lower
     largest = max(extent.max(), 1e-6 * np.abs(scene.upper).max(), 1e-30)
     # Also along an axis in which the scene is flat: rounding is that of the largest extent.
     margin = largest * MARGIN
     lower = np.nextafter((scene.lower - margin).astype(np.float32), np.float32(-np.inf))
-    size = (scene.upper + margin - lower.astype(np.float64)) / spec.resolution
-    return lower, np.nextafter(size.astype(np.float32), np.float32(np.inf))
+    return lower, scene.upper + margin - lower.astype(np.float64)
+
+
+def divided_bounds(scene: DeviceScene, cells: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lower corner and cell size, float32[3] each, for that many cells along each axis."""
+    lower, extent = padded_bounds(scene)
+    return lower, np.nextafter((extent / cells).astype(np.float32), np.float32(np.inf))
+
+
+def grid_box(scene: DeviceScene, spec: GridSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Lower corner and cell size, float32[3] each: the scene's bounds and a margin."""
+    return divided_bounds(scene, spec.resolution)
+
+
+def pad_of(extent: float, cell_size: np.ndarray) -> np.ndarray:
+    """By how many cells of `cell_size` float32[3] the padded overlap test grows one on every side; a float3.
+
+    `extent`: the grid's largest, in scene units.
+    """
+    return vector(PAD_ULP * 2.0**-24 * extent / cell_size)
 
 
 def pad_cells(spec: GridSpec, cell_size: np.ndarray) -> np.ndarray:
-    """By how many cells the padded overlap test grows a cell of `cell_size` float32[3] on every side; a float3."""
-    extent = spec.resolution * float(cell_size.max())
-    return vector(PAD_ULP * 2.0**-24 * extent / cell_size)
+    """`pad_of` a grid of one leaf resolution."""
+    return pad_of(spec.resolution * float(cell_size.max()), cell_size)
 
 
 def memory_limit(device: Device) -> int:
@@ -209,12 +226,17 @@ def build_grid(scene: DeviceScene, spec: GridSpec, binning: str = "padded") -> G
     if binning not in BINNINGS:
         raise known("binning", binning, BINNINGS)
     check_grid(spec)
+    if spec.reading == "adaptive":
+        from harness.adaptive import build_adaptive
+
+        return build_adaptive(scene, spec, binning)
     check_size(scene, spec)
     started = time.perf_counter()
     builder = _Builder(scene, spec, binning)
     top_block = builder.count_references()
     bricks, nonempty = builder.emit_references(top_block)
-    cell_start, references = builder.fill_cells(bricks, nonempty)
+    entries = builder.entry_cell, builder.entry_primitive
+    cell_start, references = fill_cells(scene, builder.program, entries, builder.references, bricks, nonempty)
     scene.device.queue.finish()
     return Grid(
         spec=spec,
@@ -241,7 +263,7 @@ class _Builder:
         defines, self.pad = walk_defines(spec), pad_cells(spec, self.cell_size)
         if binning != "padded":
             defines["BINNING"], self.pad = BINNINGS.index(binning), vector(np.zeros(3))
-        self.program: Program = build(scene.device, "grid_build.cl", defines=defines)
+        self.program: Program = build(scene.device, "grid_build.cl", "grid_cells.cl", defines=defines)
         self.blocks = 0
         self.references = 0
 
@@ -296,25 +318,32 @@ class _Builder:
             self.entry_primitive,
         )
         del self.reference_start
-        result = cl.array.empty(queue, 2 * max(bricks, 1), np.uint32)
-        total = cl.array.zeros(queue, 1, np.uint32)
-        rank_scan(self.device)(occupancy, result, total)
-        return result, int(total.get()[0])
+        return rank_bricks(self.device, occupancy)
 
-    def fill_cells(self, bricks: cl.array.Array, nonempty: int) -> tuple[cl.array.Array, cl.array.Array]:
-        """Counting sort of the entries by cell; ascending triangles in each."""
-        queue, program, entries = self.queue, self.program, np.uint32(self.references)
-        count = cl.array.zeros(queue, nonempty + 1, np.int32)
-        program.launch("count_cells", self.references, entries, bricks, self.entry_cell, count)
-        exclusive_scan(self.device)(count)
-        cursor = count.copy()
-        references = cl.array.empty(queue, max(self.references, 1), np.int32)
-        program.launch(
-            "fill_cells", self.references, entries, self.entry_cell, self.entry_primitive, cursor, references
-        )
-        del self.entry_cell, self.entry_primitive
-        program.launch("sort_cells", nonempty, nonempty, count, references)
-        return count, references
+
+def rank_bricks(device: Device, occupancy: cl.array.Array) -> tuple[cl.array.Array, int]:
+    """Bricks, uint32[b,2], of occupancy words uint32[b], and the number of non-empty cells."""
+    bricks = cl.array.empty(device.queue, 2 * len(occupancy), np.uint32)
+    total = cl.array.zeros(device.queue, 1, np.uint32)
+    rank_scan(device)(occupancy, bricks, total)
+    return bricks, int(total.get()[0])
+
+
+def fill_cells(
+    scene: DeviceScene, program: Program, entries: tuple, count: int, bricks: cl.array.Array, nonempty: int
+) -> tuple[cl.array.Array, cl.array.Array]:
+    """Cell starts int32[nonempty+1] and references int32[count], ascending in each cell, by counting sort.
+
+    `entries`: brick * 32 + bit of each reference, uint32[count], overwritten, and its triangle, int32[count].
+    """
+    queue, (cell, primitive) = scene.device.queue, entries
+    cell_start = cl.array.zeros(queue, nonempty + 1, np.int32)
+    program.launch("count_cells", count, np.uint32(count), bricks, cell, cell_start)
+    exclusive_scan(scene.device)(cell_start)
+    cursor, references = cell_start.copy(), cl.array.empty(queue, max(count, 1), np.int32)
+    program.launch("fill_cells", count, np.uint32(count), cell, primitive, cursor, references)
+    program.launch("sort_cells", nonempty, nonempty, cell_start, references)
+    return cell_start, references
 
 
 def bricks_per_block(spec: GridSpec) -> int:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from harness.data import GridSpec
+from harness.data import ADAPTIVE_LEAF, GridSpec
 from harness.errors import DefrayError, known
 from harness.ladder import SIZES
 from harness.record import first_problem
@@ -38,11 +38,38 @@ def parse_count(text: str | int) -> int:
 
 
 def parse_grid(text: str) -> GridSpec:
-    """`8/128` or `8/128 per-cell` as a checked GridSpec."""
+    """`8/128`, `8/128 per-cell`, `adaptive` or `adaptive density=0.3 top=64 leaf=16` as a checked GridSpec."""
+    first, *fields = text.split() or [""]
+    if first == "adaptive":
+        return _parse_adaptive(text, fields)
     match = re.fullmatch(r"(\d+)/(\d+)(?:\s+([a-z-]+))?", text.strip())
     if not match:
-        raise DefrayError(f"'{text}' is not a grid; write top/leaf and a reading, as in '8/128 total'")
+        raise DefrayError(
+            f"'{text}' is not a grid; write top/leaf and a reading, as in '8/128 total', or 'adaptive density=0.3'"
+        )
     return check_grid(GridSpec(int(match[1]), int(match[2]), match[3] or "total"))
+
+
+def _parse_adaptive(text: str, fields: Sequence[str]) -> GridSpec:
+    kinds = {"top": int, "leaf": int, "density": float}
+    values: dict[str, Any] = {}
+    for field in fields:
+        key, _, value = field.partition("=")
+        try:
+            values[key] = kinds[key](value)
+        except (KeyError, ValueError):
+            raise DefrayError(f"'{field}' in '{text}' is not of the form top=N, leaf=N or density=X") from None
+    return make_grid(reading="adaptive", **values)
+
+
+def make_grid(
+    top: int | None = None, leaf: int | None = None, reading: str = "total", density: float | None = None
+) -> GridSpec:
+    """A checked GridSpec; what is None takes the default of the reading."""
+    usual = (0, ADAPTIVE_LEAF) if reading == "adaptive" else (8, 128)
+    return check_grid(
+        GridSpec(usual[0] if top is None else top, usual[1] if leaf is None else leaf, reading, density)
+    )
 
 
 def check_variant(variant: Variant) -> Variant:

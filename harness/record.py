@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
 
 from harness.errors import DefrayError
 from harness.spec import RunSpec
@@ -71,7 +71,10 @@ class RayFacts(Part):
 
 
 class GridFacts(Part):
-    """Resolution and size of the grid; `bytes` is the whole grid's, `build_seconds` wall clock."""
+    """Resolution and size of the grid; `bytes` is the whole grid's, `build_seconds` wall clock.
+
+    Of an adaptive grid alone: `density`, leaf cells wanted per triangle, and `resolution`, top cells along x, y, z.
+    """
 
     top: int
     leaf: int
@@ -81,6 +84,14 @@ class GridFacts(Part):
     references: int
     bytes: int
     build_seconds: float
+    density: float | None = None
+    resolution: list[int] | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_absent(self, serialize) -> dict:
+        """Grids of one leaf resolution have neither key."""
+        optional = ("density", "resolution")
+        return {key: value for key, value in serialize(self).items() if key not in optional or value is not None}
 
 
 class StageSeconds(Part):

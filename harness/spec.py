@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import asdict
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
 
 from harness.data import GridSpec
 from harness.errors import DefrayError, known
 
-READINGS = ("total", "per-cell")
+READINGS = ("total", "per-cell", "adaptive")
 MOST_RAYS = 1_000_000_000  # a ray set is kept in memory, 28 bytes a ray
 MOST_TOP = 256  # cells per axis of the first level, which is stored whole
 MOST_CELLS = 1 << 16  # leaf cells per axis; beyond, float32 cannot tell neighbours apart
+MOST_ADAPTIVE_TOP = 512  # top cells along the longest axis of an adaptive grid
+ADAPTIVE_LEAVES = (1, 2, 4, 8, 16, 32, 64, 128)
+MOST_DENSITY = 1000
 RAY_KINDS = ("primary", "diffuse", "ambient-occlusion", "random", "file")
 Check = Literal["embree", "exact", "none"]
 
@@ -23,6 +27,10 @@ def check_grid(grid: GridSpec) -> GridSpec:
     """`grid` itself; raises DefrayError for a resolution that makes no grid."""
     if grid.reading not in READINGS:
         raise known("reading", grid.reading, READINGS)
+    if grid.reading == "adaptive":
+        return _check_adaptive(grid)
+    if grid.density is not None:
+        raise DefrayError(f"a density belongs to reading 'adaptive', not to '{grid.reading}'")
     if grid.top < 1 or grid.leaf < 1:
         raise DefrayError(f"a grid needs at least one cell per axis, not {grid.top}/{grid.leaf}")
     if grid.reading == "total" and grid.leaf % grid.top:
@@ -35,6 +43,17 @@ def check_grid(grid: GridSpec) -> GridSpec:
         raise DefrayError(f"a grid has at most {MOST_TOP} top cells per axis, not {grid.top}")
     if grid.resolution > MOST_CELLS:
         raise DefrayError(f"grid {grid} has {grid.resolution} leaf cells per axis; at most {MOST_CELLS} make sense")
+    return grid
+
+
+def _check_adaptive(grid: GridSpec) -> GridSpec:
+    if not 0 <= grid.top <= MOST_ADAPTIVE_TOP:
+        raise DefrayError(f"an adaptive grid has 0 (automatic) to {MOST_ADAPTIVE_TOP} top cells, not {grid.top}")
+    if grid.leaf not in ADAPTIVE_LEAVES:
+        allowed = ", ".join(map(str, ADAPTIVE_LEAVES))
+        raise DefrayError(f"leaf of an adaptive grid must be one of {allowed}, not {grid.leaf}")
+    if grid.density is not None and not 0 < grid.density <= MOST_DENSITY:
+        raise DefrayError(f"density must be above 0 and at most {MOST_DENSITY}, not {grid.density}")
     return grid
 
 
@@ -86,6 +105,13 @@ class RunSpec(BaseModel):
     ray_file: str | None = None
     repetitions: int = Field(default=3, gt=0)
     check: Check = "embree"
+
+    @field_serializer("grid")
+    def _without_default_density(self, grid: GridSpec | None) -> dict | None:
+        """Without `density` where it is None: an id names the same run as before there was one."""
+        if grid is None:
+            return None
+        return {key: value for key, value in asdict(grid).items() if key != "density" or value is not None}
 
     @property
     def group(self) -> tuple:

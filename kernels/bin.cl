@@ -3,7 +3,7 @@
 
 // Writes each chunk's cell, marks the unused slots of a bin's last chunk, and sets the packing cursor.
 kernel void lay_out_bins(const int cells, global const int *cell_count, global const int *chunk_start,
-                         global int *chunk_cell, global int *pairs, global int *cursor)
+                         global int *chunk_cell, global Pair *pairs, global int *cursor)
 {
     const int cell = get_global_id(0);
     if (cell >= cells)
@@ -13,7 +13,7 @@ kernel void lay_out_bins(const int cells, global const int *cell_count, global c
     for (int chunk = first; chunk < last; ++chunk)
         chunk_cell[chunk] = cell;
     for (int slot = first * LANES + cell_count[cell]; slot < last * LANES; ++slot)
-        pairs[slot] = -1;
+        pairs[slot] = NO_PAIR;
 }
 
 // Counts the recorded encounters of each cell; the count before is the encounter's rank in its bin.
@@ -31,12 +31,14 @@ kernel void rank_pairs(const int active_count, const int slots, global const int
 // Stores recorded encounters at their bin's offset plus their rank.
 kernel void scatter_pairs(const int active_count, global const int *active, const int slots,
                           global const int *recorded, global const int *recorded_count, global const int *rank,
-                          global const int *chunk_start, global int *pairs)
+                          global const int *chunk_start, global const Ray *rays, global const ulong *keys,
+                          global Pair *pairs)
 {
     const int a = get_global_id(0);
     if (a >= active_count)
         return;
     const size_t first = (size_t)a * slots;
+    const Pair pair = pair_of(active[a], rays, keys);
     for (int k = 0; k < recorded_count[a]; ++k)
-        pairs[chunk_start[recorded[first + k]] * LANES + rank[first + k]] = active[a];
+        pairs[chunk_start[recorded[first + k]] * LANES + rank[first + k]] = pair;
 }

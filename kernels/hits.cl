@@ -1,4 +1,4 @@
-// From best keys to hits, the same kernel for every tracer. Built with LANES = 1.
+// From best keys to hits, the same kernel for every tracer, LANES rays a work-item.
 #include "intersect.clh"
 
 // Undoes the direction's scaling and evaluates u and v of the winning triangle.
@@ -6,26 +6,36 @@ kernel void write_hits(const int count, global const Ray *rays, global const ulo
                        global const float *triangles, global float *t, global int *primitive, global float *u,
                        global float *v)
 {
-    const int i = get_global_id(0);
-    if (i >= count)
+    const int first = get_global_id(0) * LANES;
+    if (first >= count)
         return;
-    const ulong key = keys[i];
-    const float distance = ldexp(key_t(key), -rays[i].exponent);
-    // A t that only overflows in the ray's own units is out of reach.
-    const int hit = key_primitive(key) != NO_PRIMITIVE && isfinite(distance);
-    t[i] = INFINITY;
-    primitive[i] = -1;
-    u[i] = v[i] = 0.0f;
-    if (!hit)
-        return;
-    const Ray r = rays[i];
-    const RayLanes lanes = {r.ox, r.oy, r.oz, r.dx, r.dy, r.dz};
+    float field[6][LANES], values[STORED_FLOATS][LANES];
+    int hit[LANES];
+    for (int lane = 0; lane < LANES; ++lane) {
+        const int i = min(first + lane, count - 1);
+        const ulong key = keys[i];
+        const Ray r = rays[i];
+        const float distance = times_power(key_t(key), -r.exponent);
+        // A t that only overflows in the ray's own units is out of reach.
+        hit[lane] = key_primitive(key) != NO_PRIMITIVE && isfinite(distance) ? (int)key_primitive(key) : -1;
+        t[i] = hit[lane] < 0 ? INFINITY : distance;
+        primitive[i] = hit[lane];
+        field[0][lane] = r.ox, field[1][lane] = r.oy, field[2][lane] = r.oz;
+        field[3][lane] = r.dx, field[4][lane] = r.dy, field[5][lane] = r.dz;
+        global const float *p = triangles + (size_t)max(hit[lane], 0) * STORED_FLOATS;
+        for (int c = 0; c < STORED_FLOATS; ++c)
+            values[c][lane] = p[c];
+    }
+    const RayLanes lanes = {load_lanes(field[0]), load_lanes(field[1]), load_lanes(field[2]),
+                            load_lanes(field[3]), load_lanes(field[4]), load_lanes(field[5])};
     const Frame frame = intersector_setup(lanes);
-    const Stored triangle = load_stored(triangles, (int)key_primitive(key));
+    const Stored triangle = STORED_OF(load_lanes, values);
     real scaled_t = 0.0f, hit_u = 0.0f, hit_v = 0.0f;
     intersector_test(&frame, &triangle, &scaled_t, &hit_u, &hit_v);
-    t[i] = distance;
-    primitive[i] = (int)key_primitive(key);
-    u[i] = hit_u;
-    v[i] = hit_v;
+    store_lanes(hit_u, field[0]);
+    store_lanes(hit_v, field[1]);
+    for (int lane = 0; lane < LANES && first + lane < count; ++lane) {
+        u[first + lane] = hit[lane] < 0 ? 0.0f : field[0][lane];
+        v[first + lane] = hit[lane] < 0 ? 0.0f : field[1][lane];
+    }
 }

@@ -24,6 +24,54 @@ inline RayLanes gather_rays(global const Ray *rays, global const ulong *keys, gl
     return lanes;
 }
 
+#if defined(COPY_RAYS) && LANES > 1
+// Every second float of two vectors, from the first or from the second on: log2(8) times this turns pairs side by side
+// into fields side by side.
+#define even_of(a, b) ((real)((a).even, (b).even))
+#define odd_of(a, b) ((real)((a).odd, (b).odd))
+
+inline RayLanes load_rays(global const Pair *chunk, real *best_t, lane_index *ray_of_lane)
+{
+    real f[8], g[8];
+    for (int i = 0; i < 8; ++i)
+        f[i] = JOIN(vload, LANES)(i, (global const float *)chunk);
+    for (int i = 0; i < 4; ++i)
+        g[i] = even_of(f[2 * i], f[2 * i + 1]), g[4 + i] = odd_of(f[2 * i], f[2 * i + 1]);
+    for (int i = 0; i < 8; i += 4)
+        for (int j = 0; j < 2; ++j) {
+            f[i + j] = even_of(g[i + 2 * j], g[i + 2 * j + 1]);
+            f[i + 2 + j] = odd_of(g[i + 2 * j], g[i + 2 * j + 1]);
+        }
+    RayLanes lanes;
+    lanes.ox = even_of(f[0], f[1]), lanes.dy = odd_of(f[0], f[1]);
+    lanes.oz = even_of(f[2], f[3]), *best_t = odd_of(f[2], f[3]);
+    lanes.oy = even_of(f[4], f[5]), lanes.dz = odd_of(f[4], f[5]);
+    lanes.dx = even_of(f[6], f[7]);
+    *ray_of_lane = JOIN(as_int, LANES)(odd_of(f[6], f[7]));
+    return lanes;
+}
+#elif defined(COPY_RAYS)
+inline RayLanes load_rays(global const Pair *chunk, real *best_t, lane_index *ray_of_lane)
+{
+    const Pair p = *chunk;
+    const RayLanes lanes = {p.s0, p.s1, p.s2, p.s3, p.s4, p.s5};
+    *best_t = p.s6;
+    *ray_of_lane = as_int(p.s7);
+    return lanes;
+}
+#endif
+
+// Asks for the cache lines of the keys that hits will lower.
+inline void fetch_keys(global const ulong *keys, lane_index ray_of_lane)
+{
+#ifdef fetch_line
+    int ray[LANES];
+    store_lanes(ray_of_lane, ray);
+    for (int lane = 0; lane < LANES; ++lane)
+        fetch_line(keys + max(ray[lane], 0));
+#endif
+}
+
 inline void keep_hits(global ulong *keys, lane_index ray_of_lane, real best_t, lane_index best)
 {
     if (!mask_any(best >= 0))
@@ -38,6 +86,54 @@ inline void keep_hits(global ulong *keys, lane_index ray_of_lane, real best_t, l
             atom_min(keys + ray[lane], hit_key(t[lane], (uint)primitive[lane]));
 }
 
+#if defined(INSIDE_FIRST) && LANES > 1
+#define AHEAD 6  // triangles between the one tested and the one asked for: they lie anywhere in memory
+
+// Takes the whole test of one triangle a lane, where one waits.
+cold_path void settle(const Frame *frame, global const float *triangles, lane_index waiting, real *best_t,
+                      lane_index *best)
+{
+    float values[STORED_FLOATS][LANES];
+    int primitive[LANES];
+    store_lanes(waiting, primitive);
+    for (int lane = 0; lane < LANES; ++lane) {
+        global const float *p = triangles + (size_t)max(primitive[lane], 0) * STORED_FLOATS;
+        for (int c = 0; c < STORED_FLOATS; ++c)
+            values[c][lane] = p[c];
+    }
+    const Stored triangle = STORED_OF(load_lanes, values);
+    real t = 0.0f, u, v;
+    const mask hit = intersector_test(frame, &triangle, &t, &u, &v) & (waiting >= 0) & accepted(t, *best_t);
+    *best_t = pick(*best_t, t, hit);
+    *best = pick(*best, waiting, hit);
+}
+
+// Tests a list of triangles, in ascending order, against the rays in the lanes; nearer hits replace. A triangle that
+// the ray of a lane passes through waits until the lane meets another, so that few tests are taken to their end, and
+// those for many lanes at once.
+inline void test_triangles(const Frame *frame, global const float *triangles, global const int *references,
+                           int begin, int end, real *best_t, lane_index *best)
+{
+    const mask live = *best_t > 0.0f;
+    lane_index waiting = -1;
+    for (int k = begin; k < end; ++k) {
+        const int primitive = references[k];
+#ifdef fetch_line
+        fetch_line(triangles + (size_t)references[min(k + AHEAD, end - 1)] * STORED_FLOATS);
+#endif
+        const Stored triangle = load_stored(triangles, primitive);
+        const mask inside = intersector_inside(frame, &triangle) & live;
+        // The only branch, and seldom taken: whether some ray passes inside is a coin's toss.
+        if (mask_any(inside & (waiting >= 0))) {
+            settle(frame, triangles, waiting, best_t, best);
+            waiting = -1;
+        }
+        waiting = pick(waiting, (lane_index)(primitive), inside);
+    }
+    if (mask_any(waiting >= 0))
+        settle(frame, triangles, waiting, best_t, best);
+}
+#else
 // Tests a list of triangles, in ascending order, against the rays in the lanes. Nearer hits replace.
 inline void test_triangles(const Frame *frame, global const float *triangles, global const int *references,
                            int begin, int end, real *best_t, lane_index *best)
@@ -54,6 +150,7 @@ inline void test_triangles(const Frame *frame, global const float *triangles, gl
         }
     }
 }
+#endif
 
 // Lanes that hold a ray.
 inline int used_lanes(lane_index ray_of_lane)
@@ -71,7 +168,7 @@ inline int used_lanes(lane_index ray_of_lane)
     END_COUNTS
 
 // Deferred intersection: one chunk of a bin against its cell's triangles.
-kernel void intersect_bins(const int chunks, global const int *chunk_cell, global const int *pairs,
+kernel void intersect_bins(const int chunks, global const int *chunk_cell, global const Pair *pairs,
                            global const int *cell_start, global const int *references,
                            global const float *triangles, global const Ray *rays, global ulong *keys COUNTERS)
 {
@@ -82,7 +179,12 @@ kernel void intersect_bins(const int chunks, global const int *chunk_cell, globa
     const int begin = cell_start[cell], end = cell_start[cell + 1];
     real best_t;
     lane_index ray_of_lane, best = (lane_index)(-1);
+#ifdef COPY_RAYS
+    const RayLanes lanes = load_rays(pairs + (size_t)chunk * LANES, &best_t, &ray_of_lane);
+#else
     const RayLanes lanes = gather_rays(rays, keys, pairs + (size_t)chunk * LANES, &best_t, &ray_of_lane);
+#endif
+    fetch_keys(keys, ray_of_lane);
     const Frame frame = intersector_setup(lanes);
     test_triangles(&frame, triangles, references, begin, end, &best_t, &best);
     keep_hits(keys, ray_of_lane, best_t, best);

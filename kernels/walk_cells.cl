@@ -39,14 +39,14 @@ kernel void walk_cells(const int count, global const float *origins, global cons
     const Grid grid = GRID_VALUES;
     const Ray ray = scaled_ray(vload3(i, origins), vload3(i, directions), INFINITY);
     Walk w = walk_setup(grid, ray);
-    const ulong position = walk_entry(&w, INFINITY);
+    const ulong position = walk_entry(&w, grid, INFINITY);
     found[i] = steps[i] = 0;
     if (position == LEFT_GRID)
         return;
     walk_to(&w, position);
     int cells = 0, step = 0;
     float3 accumulated = NAN;
-    for (; step < slots && walk_inside(&w); ++step) {
+    for (; step < slots && walk_inside(&w, grid_resolution(grid)); ++step) {
         const int here = (w.z.cell * RESOLUTION + w.y.cell) * RESOLUTION + w.x.cell;
 #ifdef MISTAKE
         const int used = 1;

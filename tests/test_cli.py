@@ -188,7 +188,7 @@ def test_doctor_passes_its_exit_code_on(defray, monkeypatch):
         ("trace sponza --rays 0", "a count must be above zero, not '0'"),
         ("trace sponza --rays many", "'many' is not a count; write 64k, 1M or 1000000"),
         ("trace sponza --leaf 100", "96 or 104 would do"),
-        ("trace sponza --reading each", "unknown reading 'each'; known: per-cell, total"),
+        ("trace sponza --reading each", "unknown reading 'each'; known: adaptive, per-cell"),
         ("trace sponza --kind soft", "unknown kind of rays 'soft'; known: ambient-occlusion"),
         ("trace sponza --kind file", "need a ray file"),
         ("trace sponza --ray-file nowhere.npz", "ray file 'nowhere.npz' does not exist"),

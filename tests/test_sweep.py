@@ -118,7 +118,7 @@ def test_grids():
         plan.parse_grid("8/100")
     with pytest.raises(DefrayError, match=r"needs; 8 would do"):
         plan.parse_grid("8/5")
-    with pytest.raises(DefrayError, match="unknown reading 'each'; known: per-cell, total"):
+    with pytest.raises(DefrayError, match="unknown reading 'each'; known: adaptive, per-cell"):
         plan.parse_grid("8/128 each")
     with pytest.raises(DefrayError, match="not a grid"):
         plan.parse_grid("128")

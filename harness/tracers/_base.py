@@ -182,23 +182,25 @@ class DeviceTracer(Tracer):
 
     @cached_property
     def _start_program(self) -> Program:
-        spec = self.grid.spec if self.grid else GridSpec(1, 1)
-        return build(self.device, "start.cl", defines=walk_defines(spec))
+        defines = self.grid.defines if self.grid else walk_defines(GridSpec(1, 1))
+        return build(self.device, "start.cl", defines={**defines, "WALK_LANES": self.device.native_lanes})
 
     def start(self, batch: Batch) -> None:
         """Prepare the ray records and, with a grid, find where each ray enters it."""
         inputs = (batch.count, batch.origins, batch.directions, batch.t_max)
         if self.grid:
             outputs = (batch.rays, batch.keys, batch.positions, batch.t_exit)
-            self._start_program.launch("start_rays", batch.count, *inputs, *self.grid.arguments, *outputs)
+            groups = -(-batch.count // self.device.native_lanes)
+            self._start_program.launch("start_rays", groups, *inputs, *self.grid.arguments, *outputs)
         else:
             self._start_program.launch("start_rays_without_grid", batch.count, *inputs, batch.rays, batch.keys)
 
     def finish(self, batch: Batch) -> None:
         """Turn best keys into hits."""
-        program = build(self.device, "hits.cl", intersector=self.intersector.file, defines=self.contraction)
+        lanes, file = self.device.native_lanes, self.intersector.file
+        program = build(self.device, "hits.cl", intersector=file, lanes=lanes, defines=self.contraction)
         arguments = (batch.rays, batch.keys, self.triangles, *batch.hits)
-        program.launch("write_hits", batch.count, batch.count, *arguments)
+        program.launch("write_hits", -(-batch.count // lanes), batch.count, *arguments)
 
     def prepare(self, batch: Batch) -> None:
         """Untimed work before a batch."""

@@ -10,27 +10,32 @@ import functools
 from typing import Literal
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import Field, field_validator
 
 from harness.data import Counters, Rays
 from harness.device import Device
-from harness.intersectors import LANES
+from harness.intersectors import LANES, Intersector
 from harness.program import Program
 from harness.runtime import cl
 from harness.stopwatch import Stopwatch
-from harness.tracers._base import COUNTERS, Batch, BatchTooLarge, DeviceOptions, DeviceTracer
+from harness.tracers._base import COUNTERS, Batch, BatchTooLarge, DeviceOptions, DeviceTracer, Setting
 
 ENDLESS = 1 << 30  # more non-empty cells than a ray can meet
 LONGEST_WAVE = 4096  # cells; beyond, say `all`
+RECORDED_TOGETHER = 8  # rays a lane that a work-item of kernels/traverse.cl records
 SEGMENT = 32  # cells a ray that one recording pass remembers at most
 
 
 class DeferredOptions(DeviceOptions):
-    """`arrange`: walk twice (the paper) or walk once and remember; `wave`: non-empty cells a ray, or `all`."""
+    """`arrange`: walk twice (the paper) or walk once and remember; `wave`: non-empty cells a ray, or `all`; `growth`:
+    times as many in each wave as in the one before; `pairs`: whether a bin holds the index of a ray, which the
+    intersector gathers, or a copy of the ray."""
 
     arrange: Literal["two-pass", "record"] = "two-pass"
     wave: str = "4"
     compaction: bool = True
+    pairs: Literal["index", "copy"] = "index"
+    growth: int = Field(default=1, ge=1, le=64)
 
     @field_validator("wave")
     @classmethod
@@ -44,6 +49,16 @@ class DeferredOptions(DeviceOptions):
         """Non-empty cells a ray in one wave."""
         return ENDLESS if self.wave == "all" else int(self.wave)
 
+    @property
+    def pair_words(self) -> int:
+        """32-bit words of a pair in its bin."""
+        return 8 if self.pairs == "copy" else 1
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """Definitions for the kernels that write and read pairs."""
+        return {"COPY_RAYS": 1} if self.pairs == "copy" else {}
+
 
 class Deferred(DeviceTracer):
     """Walk, bin, intersect, compact; wave after wave until no ray is left."""
@@ -54,16 +69,22 @@ class Deferred(DeviceTracer):
     start_stage = "traverse"
     warm_up_rays = 1 << 20  # PoCL compiles kernels anew for small launches, so few rays would warm only those
 
+    def __init__(self, setting: Setting, intersector: Intersector | None, options: dict[str, str]):
+        super().__init__(setting, intersector, options)
+        self._rooms: dict[str, cl.array.Array] = {}
+
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """All waves of one batch."""
         queue = self.device.queue
-        walk = self.program("traverse.cl", grid=True, walk_lanes=self.lanes)
+        walk = self.program("traverse.cl", grid=True, walk_lanes=self.lanes, defines=self.options.defines)
         bins = _Bins(self)
         arrange = _TwoPass if self.options.arrange == "two-pass" else _Record
         active, active_count = cl.array.arange(queue, batch.count, dtype=np.int32), batch.count
-        spare = cl.array.empty(queue, batch.count, np.int32)
+        spare = self.room("spare", batch.count)
+        length = self.options.cells
         while active_count:
-            arranged = arrange(self, batch, walk, bins, active, active_count)
+            arranged = arrange(self, batch, walk, bins, active, active_count, length)
+            length = min(length * self.options.growth, ENDLESS)
             with watch.stage("traverse"):
                 bins.clear()
                 arranged.walk()
@@ -103,6 +124,20 @@ class Deferred(DeviceTracer):
         self.counters = None
         return counted
 
+    def room(self, name: str, count: int) -> cl.array.Array:
+        """An int32 array of at least `count`, kept under its name for the next wave and the next batch: memory that
+        is touched for the first time costs more than what is done with it. Raises BatchTooLarge."""
+        if 4 * count > self.device.max_allocation_bytes:
+            raise BatchTooLarge(f"{4 * count / 2**20:.1f} MiB for its {name}")
+        if name not in self._rooms or len(self._rooms[name]) < count:
+            self._rooms.pop(name, None)  # freed before its successor is made
+            self._rooms[name] = cl.array.empty(self.device.queue, max(count, 1), np.int32)
+        return self._rooms[name]
+
+    def _halve(self, count: int, error: Exception) -> None:
+        self._rooms.clear()
+        super()._halve(count, error)
+
     def _count_wave(self, bins: _Bins) -> None:
         if self.counters is not None:
             self.counted.waves += 1
@@ -118,15 +153,13 @@ class _Bins:
 
     def __init__(self, tracer: Deferred):
         self.tracer, self.device, self.lanes = tracer, tracer.device, tracer.lanes
-        queue, cells = self.device.queue, tracer.grid.nonempty
-        self.cells = cells
-        self.cell_count = cl.array.empty(queue, cells + 1, np.int32)
-        self.chunk_start = cl.array.empty(queue, cells + 1, np.int32)
-        self.cursor = cl.array.empty(queue, cells + 1, np.int32)
-        self.chunk_cell = self.pairs = cl.array.empty(queue, 1, np.int32)
+        self.cells = tracer.grid.nonempty
+        names = ("counts", "first chunks", "cursors")
+        self.cell_count, self.chunk_start, self.cursor = (tracer.room(name, self.cells + 1) for name in names)
         self.chunks = 0
-        self.bin_program = tracer.program("bin.cl", lanes=self.lanes)
-        self.intersect_program = tracer.program("intersect_driver.cl", lanes=self.lanes)
+        defines = tracer.options.defines
+        self.bin_program = tracer.program("bin.cl", lanes=self.lanes, defines=defines)
+        self.intersect_program = tracer.program("intersect_driver.cl", lanes=self.lanes, defines=defines)
 
     def clear(self) -> None:
         """Empty bins."""
@@ -145,13 +178,10 @@ class _Bins:
 
     def _make_room(self) -> None:
         slots = self.chunks * self.lanes
-        if 4 * slots > self.device.max_allocation_bytes or slots >= 2**31 or self.chunks < 0:
+        if slots >= 2**31 or self.chunks < 0:
             raise BatchTooLarge(f"{4 * slots / 2**20:.1f} MiB for its pairs")
-        if len(self.pairs) < slots:
-            self.pairs = None  # freed before its successor is made
-            self.pairs = cl.array.empty(self.device.queue, slots, np.int32)
-        if len(self.chunk_cell) < self.chunks:
-            self.chunk_cell = cl.array.empty(self.device.queue, self.chunks, np.int32)
+        self.pairs = self.tracer.room("pairs", slots * self.tracer.options.pair_words)
+        self.chunk_cell = self.tracer.room("chunks", self.chunks)
 
     def pair_count(self) -> int:
         """Pairs stored in this wave."""
@@ -171,11 +201,13 @@ class _Bins:
 class _TwoPass:
     """The paper's arrangement: the first walk counts, the second packs."""
 
-    def __init__(self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int):
+    def __init__(
+        self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int, length: int
+    ):
         self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
         self.groups = -(-active_count // tracer.lanes)
         rays = (active_count, active, batch.rays, batch.keys)
-        self.arguments = (*rays, *tracer.grid.arguments, tracer.options.cells, batch.positions, batch.t_exit)
+        self.arguments = (*rays, *tracer.grid.arguments, length, batch.positions, batch.t_exit)
 
     def walk(self) -> None:
         """Count ray visits to each cell."""
@@ -196,32 +228,34 @@ class _TwoPass:
 class _Segment:
     """What one recording pass remembers: `cells`, `ranks` int32[count, slots], `lengths` int32[count]."""
 
-    def __init__(self, device: Device, active, count: int, length: int):
+    def __init__(self, tracer: Deferred, number: int, active, count: int, length: int):
         self.active, self.count, self.slots = active, count, length + 1
         # The last group of lanes may be partly empty and still writes its first slots.
         places = (count + max(LANES)) * self.slots
-        if 4 * places > device.max_allocation_bytes:
+        if places >= 2**31:
             raise BatchTooLarge(f"{8 * places / 2**20:.1f} MiB for its recorded cells")
-        self.cells, self.ranks = (cl.array.empty(device.queue, places, np.int32) for _ in range(2))
-        self.lengths = cl.array.empty(device.queue, count, np.int32)
+        self.cells, self.ranks = (tracer.room(f"recorded {what} {number}", places) for what in ("cells", "ranks"))
+        self.lengths = tracer.room(f"recorded lengths {number}", count)
         self.bytes = 8 * places + 4 * count
 
 
 class _Record:
     """Walks once: remembers cells and ranks in segments, then scatters them into the bins."""
 
-    def __init__(self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int):
+    def __init__(
+        self, tracer: Deferred, batch: Batch, walk: Program, bins: _Bins, active, active_count: int, length: int
+    ):
         self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
-        self.active, self.active_count = active, active_count
+        self.active, self.active_count, self.length = active, active_count, length
         self.segments: list[_Segment] = []
 
     def walk(self) -> None:
         """Record up to `wave` cells a ray; a wave longer than a segment takes several passes."""
-        active, count, left = self.active, self.active_count, self.tracer.options.cells
+        active, count, left = self.active, self.active_count, self.length
         queue = self.tracer.device.queue
         while count and left > 0:
             length = min(left, SEGMENT)
-            segment = _Segment(self.tracer.device, active, count, length)
+            segment = _Segment(self.tracer, len(self.segments), active, count, length)
             self._record(segment, length)
             self.segments.append(segment)
             if sum(s.bytes for s in self.segments) > self.tracer.device.memory_bytes / 2:
@@ -236,7 +270,7 @@ class _Record:
         batch, tracer, count = self.batch, self.tracer, segment.count
         self.program.launch(
             "record_pairs",
-            -(-count // tracer.lanes),
+            -(-count // (RECORDED_TOGETHER * tracer.lanes)) if tracer.lanes > 1 else count,
             *(count, segment.active, batch.rays, batch.keys, *tracer.grid.arguments, length),
             *(batch.positions, batch.t_exit, segment.cells, segment.lengths, *tracer.counting),
         )
@@ -251,8 +285,8 @@ class _Record:
         """Store the recorded encounters at their bins' offsets."""
         for s in self.segments:
             arguments = (s.count, s.active, s.slots, s.cells, s.lengths, s.ranks)
-            bins = self.bins
-            bins.bin_program.launch("scatter_pairs", s.count, *arguments, bins.chunk_start, bins.pairs)
+            bins, rays = self.bins, (self.batch.rays, self.batch.keys)
+            bins.bin_program.launch("scatter_pairs", s.count, *arguments, bins.chunk_start, *rays, bins.pairs)
 
     def walk_again(self) -> None:
         """Nothing: every ray has been walked."""

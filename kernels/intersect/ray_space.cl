@@ -86,21 +86,35 @@ cold_path mask finish_hit(const Frame *f, const Triangle *s, const Across *corne
     return (sum > 0.0f) | (sum < 0.0f);
 }
 
-inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u, real *v)
+// The vertices across the ray, and whether the ray passes inside: where no two edge functions differ in sign. One cross
+// product gives those, without cancellation: zero only where it is exact.
+inline mask edge_functions(const Frame *f, const Triangle *s, Across *corners, real *edge)
 {
     const Across a = across(f, s->x0 - f->ox, s->y0 - f->oy, s->z0 - f->oz);
     const Across b = across(f, s->x1 - f->ox, s->y1 - f->oy, s->z1 - f->oz);
     const Across c = across(f, s->x2 - f->ox, s->y2 - f->oy, s->z2 - f->oz);
-
-    // One cross product gives the edge functions, without cancellation: zero only where it is exact.
     const real e0 = difference_of_products(b.x, c.y, c.x, b.y);
     const real e1 = difference_of_products(c.x, a.y, a.x, c.y);
     const real e2 = difference_of_products(a.x, b.y, b.x, a.y);
-    const mask inside = (min(e0, min(e1, e2)) >= 0.0f) | (max(e0, max(e1, e2)) <= 0.0f);
+    corners[0] = a, corners[1] = b, corners[2] = c;
+    edge[0] = e0, edge[1] = e1, edge[2] = e2;
+    return (min(e0, min(e1, e2)) >= 0.0f) | (max(e0, max(e1, e2)) <= 0.0f);
+}
+
+#define INSIDE_FIRST
+inline mask intersector_inside(const Frame *f, const Triangle *s)
+{
+    Across corners[3];
+    real edge[3];
+    return edge_functions(f, s, corners, edge);
+}
+
+inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u, real *v)
+{
+    Across corners[3];
+    real edge[3];
+    const mask inside = edge_functions(f, s, corners, edge);
     if (!mask_any(inside))
         return inside;
-
-    const Across corners[3] = {a, b, c};
-    const real edge[3] = {e0, e1, e2};
     return inside & finish_hit(f, s, corners, edge, t, u, v);
 }

@@ -1,0 +1,211 @@
+"""The adaptive grid: every top cell has its own number of leaf cells, by its number of triangles.
+
+Top cells are nearly cubic and their number follows the triangles', as do the leaf cells of each (Kalojanov, Billeter
+& Slusallek 2011, with the exponents of Ize 2007). Built on the device; the host only chooses the levels.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.data import GridSpec
+from harness.device import Device
+from harness.errors import DefrayError
+from harness.grid import (
+    BINNINGS,
+    DeviceScene,
+    Grid,
+    divided_bounds,
+    exclusive_scan,
+    fill_cells,
+    memory_limit,
+    pad_of,
+    padded_bounds,
+    rank_bricks,
+    vector,
+)
+from harness.program import build
+from harness.runtime import cl
+from harness.spec import MOST_ADAPTIVE_TOP
+
+TOP_DENSITY = 0.0625  # top cells per triangle
+DENSITY = 0.3  # leaf cells per triangle of a top cell, unless the spec says otherwise
+MOST_TOP_CELLS = 1 << 24
+MOST_BRICKS = 1 << 27  # a reference's cell is 32 times its brick and a bit, in 32 bits
+UNUSED = 1 << 20  # farther than any top cell
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveGrid(Grid):
+    """Grid whose second level follows the scene.
+
+    `top_block` int32[x*y*z]: first brick << 3 | level of a top cell with 2^level leaf cells per axis, or minus the
+    Chebyshev distance in top cells to the next one in use. `cell_size`: of the finest level. `shape`: top cells along
+    x, y, z, and the finest level. `cells`: leaf cells of all top cells in use.
+    """
+
+    shape: tuple[int, int, int, int] = (1, 1, 1, 0)
+    density: float = DENSITY
+    cells: int = 0
+
+    @property
+    def arguments(self) -> tuple:
+        """The grid as kernel arguments, in the order of GRID_ARGUMENTS."""
+        return *super().arguments, np.array(self.shape, np.int32)
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """Compile-time shape of the walk: the same for all adaptive grids."""
+        return {"ADAPTIVE": 1}
+
+    def describe(self) -> dict:
+        """The `grid` part of a record."""
+        found = {"top": max(self.shape[:3]), "cells": self.cells, "density": self.density}
+        return {**super().describe(), **found, "resolution": list(self.shape[:3])}
+
+
+def top_shape(extent: np.ndarray, triangles: int, top: int = 0) -> np.ndarray:
+    """Nearly cubic top cells along each axis, int[3], of a box of `extent` float64[3].
+
+    `top` along the longest axis; 0: TOP_DENSITY cells a triangle.
+    """
+    if top:
+        size = extent.max() / top
+        return np.clip(np.rint(extent / size), 1, top).astype(np.int64)
+    per_unit = np.cbrt(TOP_DENSITY * triangles / extent.prod())
+    return np.clip(np.floor(extent * per_unit), 1, MOST_ADAPTIVE_TOP).astype(np.int64)
+
+
+def levels_of(counts: np.ndarray, density: float, finest: int) -> np.ndarray:
+    """Level of each top cell from its triangles int[n]: 2^level nearest to the cube root of density * triangles."""
+    wanted = np.log2(np.maximum(np.cbrt(density * counts), 1))
+    return np.clip(np.rint(wanted), 0, finest).astype(np.int64)
+
+
+def bricks_of(level: np.ndarray) -> np.ndarray:
+    """Bricks of 4 x 4 x 2 leaf cells in a block of 2^level an axis."""
+    return 4 ** np.maximum(level - 2, 0) * 2 ** np.maximum(level - 1, 0)
+
+
+def build_adaptive(scene: DeviceScene, spec: GridSpec, binning: str = "padded") -> AdaptiveGrid:
+    """Build the grid; raises DefrayError for one that needs too much memory. `binning` as in `grid.build_grid`."""
+    started = time.perf_counter()
+    builder = _Builder(scene, spec, binning)
+    counts = builder.list_by_top_cell()
+    top_cells = builder.choose_levels(counts)
+    bricks, nonempty = builder.list_by_leaf_cell(top_cells)
+    entries = builder.reference_cell, builder.reference_primitive
+    cell_start, references = fill_cells(scene, builder.program, entries, builder.references, bricks, nonempty)
+    scene.device.queue.finish()
+    return AdaptiveGrid(
+        spec=spec,
+        lower=builder.lower,
+        cell_size=builder.cell_size,
+        top_block=top_cells,
+        bricks=bricks,
+        cell_start=cell_start,
+        references=references,
+        blocks=builder.blocks,
+        nonempty=nonempty,
+        build_seconds=time.perf_counter() - started,
+        binning=binning,
+        shape=tuple(int(v) for v in builder.shape),
+        density=builder.density,
+        cells=builder.cells,
+    )
+
+
+class _Builder:
+    """Arrays that live from one step of the build to the next."""
+
+    def __init__(self, scene: DeviceScene, spec: GridSpec, binning: str):
+        self.scene, self.spec, self.device, self.queue = scene, spec, scene.device, scene.device.queue
+        self.density = DENSITY if spec.density is None else spec.density
+        extent = padded_bounds(scene)[1]
+        self.tops, self.finest = top_shape(extent, scene.active_count, spec.top), spec.leaf.bit_length() - 1
+        if self.tops.prod() > MOST_TOP_CELLS:
+            raise DefrayError(f"grid {spec} has {self.tops.prod():,} top cells; at most {MOST_TOP_CELLS:,} do")
+        self.shape = np.array([*self.tops, self.finest], np.int32)
+        self.lower, self.cell_size = divided_bounds(scene, self.tops << self.finest)
+        defines, self.pad = {"ADAPTIVE": 1}, pad_of(extent.max(), self.cell_size)
+        if binning != "padded":
+            defines["BINNING"], self.pad = BINNINGS.index(binning), vector(np.zeros(3))
+        self.bricks = 0
+        self.program = build(self.device, "grid_build_adaptive.cl", "grid_cells.cl", defines=defines)
+
+    def _triangle_arguments(self) -> tuple:
+        return self.scene.triangles, vector(self.lower), vector(1 / self.cell_size), self.pad, self.shape
+
+    def list_by_top_cell(self) -> np.ndarray:
+        """An entry for each triangle and top cell it overlaps; returns the triangles of every top cell, int[n]."""
+        scene, queue = self.scene, self.queue
+        start = cl.array.empty(queue, scene.active_count, np.uint32)
+        active = (scene.active_count, scene.active)
+        self.program.launch("count_top", scene.active_count, *active, *self._triangle_arguments(), start)
+        self.entries = _offsets(self.device, start)
+        self._check_memory(8 * self.entries, 4 * self.entries)
+        self.entry_top, self.entry_primitive = (
+            cl.array.empty(queue, max(self.entries, 1), np.int32) for _ in range(2)
+        )
+        counts = cl.array.zeros(queue, int(self.tops.prod()), np.int32)
+        outputs = (self.entry_top, self.entry_primitive, counts)
+        self.program.launch("emit_top", scene.active_count, *active, *self._triangle_arguments(), start, *outputs)
+        return counts.get()
+
+    def choose_levels(self, counts: np.ndarray) -> cl.array.Array:
+        """Level and first brick of every top cell in use, and how far the others are from those."""
+        used = counts > 0
+        level = levels_of(counts, self.density, self.finest)
+        bricks = np.where(used, bricks_of(level), 0)
+        self.blocks, self.bricks = int(used.sum()), int(bricks.sum())
+        self.cells = int(np.where(used, 8**level, 0).sum())
+        self._check_memory(12 * self.bricks, 8 * self.bricks)
+        first = np.cumsum(bricks) - bricks
+        distance = self._distances(used)
+        return cl.array.to_device(self.queue, np.where(used, first << 3 | level, -distance).astype(np.int32))
+
+    def _distances(self, used: np.ndarray) -> np.ndarray:
+        """Chebyshev distance of every top cell to the next one in use, int32[n]."""
+        near = cl.array.to_device(self.queue, np.where(used, 0, UNUSED).astype(np.int32))
+        far, stride = cl.array.empty_like(near), 1
+        for length in map(int, self.tops):
+            self.program.launch("spread_distance", len(used), len(used), length, stride, near, far)
+            near, far, stride = far, near, stride * length
+        return near.get()
+
+    def list_by_leaf_cell(self, top_cells: cl.array.Array) -> tuple[cl.array.Array, int]:
+        """An entry for each reference, and the occupancy bits; returns bricks and non-empty cells."""
+        queue, program = self.queue, self.program
+        start = cl.array.empty(queue, max(self.entries, 1), np.uint32)
+        entries = np.uint32(self.entries), self.entry_top, self.entry_primitive
+        inputs = (*entries, *self._triangle_arguments(), top_cells)
+        program.launch("count_leaves", self.entries, *inputs, start)
+        self.references = _offsets(self.device, start)
+        self._check_memory(12 * self.references + 12 * self.bricks, 4 * self.references)
+        occupancy = cl.array.zeros(queue, max(self.bricks, 1), np.uint32)
+        self.reference_cell = cl.array.empty(queue, max(self.references, 1), np.uint32)
+        self.reference_primitive = cl.array.empty(queue, max(self.references, 1), np.int32)
+        outputs = (occupancy, self.reference_cell, self.reference_primitive)
+        program.launch("emit_leaves", self.entries, *inputs, start, *outputs)
+        del self.entry_top, self.entry_primitive
+        return rank_bricks(self.device, occupancy)
+
+    def _check_memory(self, need: int, largest: int) -> None:
+        """Refuse what the device cannot hold, before it is asked for."""
+        limit = memory_limit(self.device)
+        too_many = self.bricks >= MOST_BRICKS or largest >= 2**33
+        if too_many or need > limit or largest > self.device.max_allocation_bytes:
+            raise DefrayError(
+                f"grid {self.spec} needs {need / 2**30:.1f} GiB; the limit here is {limit / 2**30:.1f} GiB; "
+                "a lower density or fewer top cells would do"
+            )
+
+
+def _offsets(device: Device, counts: cl.array.Array) -> int:
+    """Turn counts uint32[n] into offsets, in place; returns their sum."""
+    total = int(cl.array.sum(counts, dtype=np.int64).get())
+    exclusive_scan(device)(counts)
+    return total

@@ -1,0 +1,382 @@
+"""The adaptive grid: it references every triangle where it lies, its walk steps over nothing, its hits are exact."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from shapes import REPRESENTATIVE, aimed_rays, icosphere, lattice_walls, random_rays, soup
+from test_grid import sampled_cells
+from test_tracers import GRID_TRACERS, hits_of
+
+from harness import tracers
+from harness.adaptive import UNUSED, bricks_of, levels_of, top_shape
+from harness.data import GridSpec, Rays, Scene, differing
+from harness.errors import DefrayError
+from harness.grid import build_grid, upload_scene
+from harness.intersectors import INTERSECTORS
+from harness.plan import make_grid, parse_grid
+from harness.program import build
+from harness.record import GridFacts
+from harness.runtime import cl
+from harness.spec import RunSpec, Variant, check_grid
+from harness.stability.walk import _gaps, _interval
+from harness.tracers._base import Setting
+
+SPECS = [
+    GridSpec(0, 16, "adaptive", 0.3),
+    GridSpec(0, 16, "adaptive", 50.0),
+    GridSpec(5, 8, "adaptive", 3.0),
+    GridSpec(7, 1, "adaptive"),
+    GridSpec(1, 128, "adaptive", 200.0),
+]
+
+
+def clumps(count: int = 600) -> np.ndarray:
+    """Small triangles in few places of a large box: mostly empty space, and two densities."""
+    generator = np.random.default_rng(8)
+    centres = generator.random((5, 3)) * 20
+    mesh = soup(count, size=0.2) * np.float32(0.4) + centres[generator.integers(5, size=count), None]
+    return np.concatenate([mesh, soup(40, seed=2, size=0.01) * np.float32(0.02) + centres[0]]).astype(np.float32)
+
+
+def slivers(count: int = 300) -> np.ndarray:
+    """Triangles as long as the scene and thin as a few ulp of it."""
+    generator = np.random.default_rng(9)
+    start, end = generator.random((2, count, 3))
+    near = start + generator.normal(size=(count, 3)) * 10.0 ** generator.uniform(-7, -3, (count, 1))
+    return np.stack([start, end, near], axis=1).astype(np.float32)
+
+
+def on_planes(device, spec=SPECS[1], cells=12) -> np.ndarray:
+    """Squares that lie exactly on planes between the leaf cells of their own grid."""
+    frame = soup(200)
+    grid = build_grid(upload_scene(device, frame), spec)
+    size = grid.cell_size * 2 ** (grid.shape[3] - 1)
+    generator, quads = np.random.default_rng(3), []
+    for axis in np.repeat(np.arange(3), cells):
+        corners = np.empty((4, 3), np.float32)
+        corners[:, axis] = grid.lower[axis] + size[axis] * np.float32(generator.integers(1, 4))
+        low, high = np.sort(generator.random((2, 2)) * 0.8 + 0.1, axis=0)
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        corners[:, a], corners[:, b] = [low[0], high[0], high[0], low[0]], [low[1], low[1], high[1], high[1]]
+        quads += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
+    return np.concatenate([frame, np.array(quads, np.float32)])
+
+
+MESHES = {
+    "soup": (soup(), random_rays(3000)),
+    "sphere": (icosphere(), aimed_rays(icosphere(), (0.1, 0.05, -0.2), 3000)),
+    "walls": (lattice_walls(), aimed_rays(lattice_walls(), (3.3, 4.1, 4.6), 3000)),
+    "lattice": (lattice_walls(), Rays(
+        np.random.default_rng(1).integers(0, 9, (600, 3)).astype(np.float32),
+        np.random.default_rng(2).integers(-1, 2, (600, 3)).astype(np.float32) + np.float32([0.0, 0.0, 3.0]),
+        np.full(600, np.inf, np.float32)),
+    ),
+    "clumps": (clumps(), aimed_rays(clumps(), (10.1, 9.7, 11.3), 3000)),
+    "slivers": (slivers(), aimed_rays(slivers(), (0.52, 0.47, 0.55), 3000)),
+    "afar": (clumps(), aimed_rays(clumps(), (-140.0, 95.0, 60.0), 3000)),
+    "displaced": (soup() + np.float32(900), random_rays(3000, low=900.0, high=901.0)),
+}  # fmt: skip
+
+
+def setting_of(device, triangles, spec=SPECS[0]) -> Setting:
+    """A scene on the device with its adaptive grid."""
+    setting = Setting.on_device(Scene("test", triangles), device)
+    return dataclasses.replace(setting, grid=build_grid(setting.device_scene, spec))
+
+
+def leaf_boxes(grid) -> dict[int, tuple[int, int, int, int]]:
+    """The grid read back: low corner and size, in positions of the finest level, of every non-empty cell."""
+    x, y, _, finest = grid.shape
+    bricks, found = grid.bricks.get().reshape(-1, 2), {}
+    for top, entry in enumerate(grid.top_block.get().tolist()):
+        if entry < 0:
+            continue
+        level, first = entry & 7, entry >> 3
+        base, shift = np.array([top % x, top // x % y, top // x // y]) << level, finest - level
+        across = 1 << max(level - 2, 0)
+        for brick in range(int(bricks_of(np.array(level)))):
+            bits, before = (int(v) for v in bricks[first + brick])
+            corner = np.array([brick % across * 4, brick // across % across * 4, brick // across**2 * 2])
+            for bit in (b for b in range(32) if bits >> b & 1):
+                place = (base + corner + [bit & 3, bit >> 2 & 3, bit >> 4]) << shift
+                found[before + (bits & ((1 << bit) - 1)).bit_count()] = (*place.tolist(), 1 << shift)
+    return found
+
+
+def empty_boxes(grid) -> np.ndarray:
+    """Low corner of every empty top cell, in top cells, and its distance; int[n,4]."""
+    x, y = grid.shape[:2]
+    entries = grid.top_block.get()
+    top = np.flatnonzero(entries < 0)
+    return np.stack([top % x, top // x % y, top // x // y, -entries[top]], axis=1)
+
+
+# ---------------------------------------------------------------- what the grid holds
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=str)
+@pytest.mark.parametrize("name", ["soup", "sphere", "walls", "clumps"])
+def test_every_point_of_every_triangle_lies_in_a_cell_that_references_it(device, name, spec):
+    mesh = MESHES[name][0]
+    grid = build_grid(upload_scene(device, mesh), spec)
+    start, references = grid.cell_start.get(), grid.references.get()
+    held = {}
+    for cell, box in leaf_boxes(grid).items():
+        listed = references[start[cell] : start[cell + 1]]
+        assert len(listed) and (np.diff(listed) > 0).all(), "references of a cell ascend without repeats"
+        held[box] = set(listed.tolist())
+    assert len(held) == grid.nonempty == len(start) - 1
+    sizes = [1 << level for level in range(grid.shape[3] + 1)]
+    for *place, triangle in sampled_cells(mesh, grid, 20):
+        boxes = ((*(p // size * size for p in place), size) for size in sizes)
+        assert any(triangle in held.get(box, ()) for box in boxes)
+
+
+def test_dense_top_cells_are_fine_and_sparse_ones_coarse(device):
+    mesh = np.concatenate([soup(5000, size=0.002) * np.float32(0.01), icosphere(1, 4.0)])
+    grid = build_grid(upload_scene(device, mesh), GridSpec(4, 64, "adaptive", 1.0))
+    levels = {entry & 7 for entry in grid.top_block.get().tolist() if entry >= 0}
+    assert max(levels) >= 4 and min(levels) <= 2
+    assert grid.describe()["cells"] < 0.2 * 4**3 * 16**3
+
+
+@pytest.mark.parametrize("name", ["clumps", "sphere"])
+def test_the_box_around_an_empty_top_cell_is_empty_and_the_largest(device, name):
+    grid = build_grid(upload_scene(device, MESHES[name][0]), GridSpec(9, 4, "adaptive"))
+    x, y, z, _ = grid.shape
+    used = np.argwhere((grid.top_block.get() >= 0).reshape(z, y, x))[:, ::-1]
+    boxes = empty_boxes(grid)
+    expected = np.abs(used[None] - boxes[:, None, :3]).max(axis=2).min(axis=1)
+    assert len(boxes) > 30 and expected.max() > 1
+    assert (boxes[:, 3] == expected).all() and boxes[:, 3].max() < UNUSED
+
+
+def test_the_same_scene_gives_the_same_bytes(device):
+    scene = upload_scene(device, clumps(2000))
+    first, second = (build_grid(scene, SPECS[1]) for _ in range(2))
+    for name in ("top_block", "bricks", "cell_start", "references"):
+        assert getattr(first, name).get().tobytes() == getattr(second, name).get().tobytes()
+
+
+def test_top_cells_are_nearly_cubic_and_follow_the_triangles():
+    extent = np.array([4.0, 1.0, 2.0])
+    assert top_shape(extent, 128_000).tolist() == [40, 10, 20]
+    assert top_shape(extent, 1).tolist() == [1, 1, 1]
+    assert top_shape(extent, 1, top=8).tolist() == [8, 2, 4]
+
+
+def test_levels_follow_the_cube_root_of_the_triangles():
+    assert levels_of(np.array([0, 1, 8, 64, 512, 10**9]), 1.0, 4).tolist() == [0, 0, 1, 2, 3, 4]
+    assert levels_of(np.array([512]), 1 / 8, 4).tolist() == [2]
+    assert bricks_of(np.arange(5)).tolist() == [1, 1, 2, 16, 128]
+
+
+# ---------------------------------------------------------------- the walk
+
+
+def boxes_walked(device, grid, rays, slots=400) -> np.ndarray:
+    """Boxes that each ray walks through, int32[n,slots,5], size 0 beyond its last."""
+    inputs = (
+        cl.array.to_device(device.queue, np.ascontiguousarray(values, np.float32).ravel())
+        for values in (rays.origins, rays.directions)
+    )
+    boxes = cl.array.zeros(device.queue, len(rays) * slots * 5, np.int32)
+    found = cl.array.zeros(device.queue, len(rays), np.int32)
+    program = build(device, "walk_boxes.cl", defines=grid.defines)
+    program.launch("walk_boxes", len(rays), len(rays), *inputs, *grid.arguments, slots, boxes, found)
+    assert found.get().max() < slots
+    return boxes.get().reshape(len(rays), slots, 5)
+
+
+def uncovered(grid, rays, boxes) -> np.ndarray:
+    """Stretches of each ray's path in the grid that no box, grown by the pad of the build, covers; int[n]."""
+    resolution = np.array(grid.shape[:3]) << grid.shape[3]
+    inverse = (1 / grid.cell_size).astype(np.float64)
+    origin = (rays.origins.astype(np.float64) - grid.lower) * inverse
+    direction = rays.directions.astype(np.float64) * inverse
+    extent = (resolution * grid.cell_size.astype(np.float64)).max()
+    pad = np.broadcast_to(32 * 2.0**-24 * extent * inverse, origin.shape)
+    # _interval takes one size for all axes: the path in a box of three sizes is the one common to three such boxes.
+    first, last = -np.inf, np.inf
+    for axis in range(3):
+        chosen, size = np.arange(3) == axis, resolution[axis]
+        place, towards = np.where(chosen, origin, size / 2), np.where(chosen, direction, 0)
+        near, far = _interval([np.zeros((len(rays), 1))] * 3, size, place, towards, -pad)
+        first, last = np.maximum(first, near[:, 0]), np.minimum(last, far[:, 0])
+    low = [boxes[:, :, axis] for axis in range(3)]
+    enter, leave = _interval(low, boxes[:, :, 3], origin, direction, pad)
+    enter[boxes[:, :, 3] == 0] = leave[boxes[:, :, 3] == 0] = -np.inf
+    speed = np.sqrt((direction * direction).sum(axis=1))
+    return _gaps(enter, leave, np.maximum(first, 0), last, speed).stretches
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=str)
+@pytest.mark.parametrize("name", MESHES)
+def test_the_walk_steps_over_no_part_of_a_path(device, name, spec):
+    mesh, rays = MESHES[name]
+    grid = build_grid(upload_scene(device, mesh), spec)
+    rays = rays[:500]
+    boxes = boxes_walked(device, grid, rays, 1500)
+    assert uncovered(grid, rays, boxes).sum() == 0
+    cells = leaf_boxes(grid)
+    walked = boxes.reshape(-1, 5)[(boxes[:, :, 3] > 0).ravel()]
+    used = walked[walked[:, 4] >= 0]
+    assert len(used) > 0 and all(cells[cell] == tuple(box) for *box, cell in used.tolist())
+    leaves = set(cells.values())
+    assert not any(tuple(box) in leaves for *box, cell in walked[walked[:, 4] < 0].tolist())
+
+
+def test_a_box_left_out_of_a_path_is_caught(device):
+    mesh, rays = MESHES["clumps"]
+    grid = build_grid(upload_scene(device, mesh), SPECS[0])
+    boxes = boxes_walked(device, grid, rays[:200])
+    boxes[:, 1, 3] = 0
+    assert (uncovered(grid, rays[:200], boxes) > 0).mean() > 0.9
+
+
+# ---------------------------------------------------------------- hits
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=str)
+@pytest.mark.parametrize("name", MESHES)
+def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, spec):
+    mesh, rays = MESHES[name]
+    setting = setting_of(device, mesh, spec)
+    for intersector in ("ray-space", "havel-herout"):
+        expected = hits_of(setting, rays, "brute", intersector)
+        assert (expected.primitive >= 0).any()
+        for tracer in GRID_TRACERS:
+            assert hits_of(setting, rays, tracer, intersector).tobytes() == expected.tobytes(), tracer
+
+
+@pytest.mark.parametrize("arrange", ["two-pass", "record"])
+@pytest.mark.parametrize("wave", ["1", "8", "all"])
+@pytest.mark.parametrize("lanes", ["1", "4", "8", "16"])
+@pytest.mark.parametrize("copied", ["index", "copy"])
+def test_options_of_the_deferred_tracer_change_no_bit(device, arrange, wave, lanes, copied):
+    mesh, rays = MESHES["clumps"]
+    setting = setting_of(device, mesh, SPECS[1])
+    options = {"arrange": arrange, "wave": wave, "lanes": lanes, "pairs": copied, "growth": "2"}
+    assert hits_of(setting, rays, "deferred", **options).tobytes() == hits_of(setting, rays, "brute").tobytes()
+
+
+def test_walls_on_cell_planes_and_origins_on_them(device):
+    """Squares on planes between cells; rays at their edges, along them and from points on them; -0.0 directions."""
+    mesh = on_planes(device)
+    setting = setting_of(device, mesh, SPECS[1])
+    generator, count = np.random.default_rng(4), 1500
+    rays = aimed_rays(mesh[200:], (0.31, 0.52, 0.47), count)
+    size = setting.grid.cell_size * 2 ** (setting.grid.shape[3] - 1)
+    origins = (setting.grid.lower + size * generator.integers(0, 5, (count, 3))).astype(np.float32)
+    directions = np.zeros((count, 3), np.float32)
+    directions[np.arange(count), np.arange(count) % 3] = np.where(np.arange(count) // 3 % 2, 1, -1)
+    directions[::2] *= np.float32(-1)  # turns the zeros of every second ray into -0.0
+    along = Rays(origins, directions, np.full(count, np.inf, np.float32))
+    for part in (rays, along):
+        expected = hits_of(setting, part, "brute")
+        assert (expected.primitive >= 0).any()
+        for tracer in GRID_TRACERS:
+            assert differing(hits_of(setting, part, tracer), expected) == 0, tracer
+
+
+@pytest.mark.parametrize("thickness", [0.0, 1e-6, 1e-3])
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+def test_flat_and_distant_scenes(device, thickness, offset):
+    mesh = (soup(3000, size=0.03) * np.float32([1, 1, thickness]) + np.float32(offset)).astype(np.float32)
+    setting = setting_of(device, mesh)
+    rays = random_rays(2000, low=offset - 1, high=offset + 2)
+    expected = hits_of(setting, rays, "brute")
+    assert (expected.primitive >= 0).any()
+    for tracer in GRID_TRACERS:
+        assert differing(hits_of(setting, rays, tracer), expected) == 0, tracer
+
+
+def test_counters_are_exact_and_empty_space_costs_few_steps(device):
+    mesh, rays = MESHES["clumps"]
+    counts = {}
+    for name, spec in (("adaptive", GridSpec(20, 8, "adaptive")), ("per-cell", GridSpec(20, 8, "per-cell"))):
+        setting = setting_of(device, mesh, spec)
+        deferred = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"wave": "1"})
+        counts[name] = deferred.count(rays)
+        assert counts[name] == deferred.count(rays)
+        forward, optimal = (
+            tracers.find(tracer)(setting, INTERSECTORS["ray-space"], {}).count(rays)
+            for tracer in ("forward", "work-optimal")
+        )
+        assert (forward.tests, forward.pairs) == (optimal.tests, optimal.pairs)
+        assert (forward.steps, forward.pairs) == (counts[name].steps, counts[name].pairs)
+        assert sum(counts[name].finished_per_wave) == len(rays)
+    assert counts["adaptive"].steps < 0.5 * counts["per-cell"].steps
+
+
+def test_hits_written_in_lanes_are_those_written_one_by_one(device):
+    """Also u and v, which no tracer computes itself."""
+    mesh, rays = MESHES["soup"]
+    setting = setting_of(device, mesh)
+    for name in REPRESENTATIVE:
+        written = []
+        for lanes in (1, 8):
+            other = dataclasses.replace(setting, device=dataclasses.replace(device, native_lanes=lanes))
+            written.append(hits_of(other, rays[:2999], "forward", name))
+        assert (written[0].u > 0).any() and written[0].tobytes() == written[1].tobytes()
+
+
+# ---------------------------------------------------------------- how it is asked for and recorded
+
+
+def test_the_text_of_a_grid_is_read_back():
+    for text in ("adaptive", "adaptive density=0.25", "adaptive top=40 leaf=8 density=2"):
+        assert str(parse_grid(text)) == text
+    assert make_grid(reading="adaptive") == GridSpec(0, 16, "adaptive")
+    assert make_grid() == GridSpec() and str(GridSpec()) == "8/128 total"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("adaptive leaf=12", "leaf of an adaptive grid must be one of 1, 2, 4, .*, not 12"),
+        ("adaptive density=0", "density must be above 0"),
+        ("adaptive density=nan", "density must be above 0"),
+        ("adaptive depth=3", "'depth=3' in 'adaptive depth=3' is not of the form"),
+        ("adaptive top=9999", "at most|0 .automatic. to"),
+    ],
+)
+def test_a_bad_adaptive_grid_is_refused(text, message):
+    with pytest.raises(DefrayError, match=message):
+        parse_grid(text)
+
+
+def test_a_density_is_for_adaptive_grids_alone():
+    with pytest.raises(DefrayError, match="a density belongs to reading 'adaptive', not to 'total'"):
+        check_grid(GridSpec(density=0.3))
+
+
+def test_ids_and_texts_of_runs_on_other_grids_are_as_before_there_were_adaptive_ones():
+    run = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space:wave=4"), grid=GridSpec())
+    assert run.id == "c77aa873bb021d83"
+    assert run.model_dump()["grid"] == {"top": 8, "leaf": 128, "reading": "total"}
+    dense, default = (
+        RunSpec(scene="sponza", variant=Variant.parse("deferred"), grid=GridSpec(0, 16, "adaptive", density))
+        for density in (0.3, None)
+    )
+    assert dense.id != default.id and dense.model_dump()["grid"]["density"] == 0.3
+    assert RunSpec.model_validate(dense.model_dump()) == dense
+
+
+def test_only_records_of_adaptive_grids_have_a_density(device):
+    scene = upload_scene(device, soup(500))
+    uniform, adaptive = (build_grid(scene, spec).describe() for spec in (GridSpec(2, 8), SPECS[0]))
+    assert GridFacts.model_validate(uniform).model_dump() == uniform
+    assert GridFacts.model_validate(adaptive).model_dump() == adaptive
+    assert set(adaptive) - set(uniform) == {"density", "resolution"}
+    assert adaptive["density"] == 0.3 and len(adaptive["resolution"]) == 3
+
+
+def test_a_grid_beyond_the_memory_is_refused_with_its_size(device):
+    small = dataclasses.replace(device, memory_bytes=1 << 16)
+    scene = dataclasses.replace(upload_scene(device, soup(5000)), device=small)
+    with pytest.raises(DefrayError, match=r"needs [0-9.]+ GiB; the limit here .* a lower density"):
+        build_grid(scene, GridSpec(0, 128, "adaptive", 900.0))
