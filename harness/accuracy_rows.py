@@ -36,6 +36,7 @@ class GridPlace(Part):
     top: int
     leaf: int
     reading: str
+    density: float | None = None
 
 
 class AimedCounts(Part):
