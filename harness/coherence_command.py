@@ -129,8 +129,8 @@ def print_counts(row: dict) -> None:
 
     counts = [Coherence(**one) for one in row["counts"]]
     table = Table(title=f"{row['scene']['name']}, {row['rays']['count']:,} rays, wave {row['wave']}")
-    for name in ("lanes", "tracer", "tests a ray", "trips a ray", "lanes testing", "lanes walking", "uneven trips",
-                 "64-byte lines a trip", "128-byte"):
+    for name in ("lanes", "tracer", "tests a ray", "trips a ray", "testing", "walking", "uneven",
+                 "64 B lines", "128 B lines"):
         table.add_column(name, justify="left" if name == "tracer" else "right")
     rays = row["rays"]["count"]
     for one in sorted(counts, key=lambda c: c.lanes):
