@@ -92,9 +92,10 @@ inline void keep_hits(global ulong *keys, lane_index ray_of_lane, real best_t, l
             atom_min(keys + ray[lane], hit_key(t[lane], (uint)primitive[lane]));
 }
 
+#define AHEAD 6  // triangles between the one tested and the one asked for: they lie anywhere in memory
+
 #if defined(INSIDE_FIRST) && LANES > 1
 #define as_it_is(value) (value)
-#define AHEAD 6  // triangles between the one tested and the one asked for: they lie anywhere in memory
 
 // Takes the whole test of one triangle a lane, where one waits.
 cold_path void settle(const Frame *frame, global const float *triangles, lane_index waiting, real *best_t,
@@ -155,6 +156,9 @@ inline void test_triangles(const Frame *frame, global const float *triangles, gl
 {
     for (int k = begin; k < end; ++k) {
         const int primitive = references[k];
+#ifdef fetch_line
+        fetch_line(triangles + (size_t)references[min(k + AHEAD, end - 1)] * STORED_FLOATS);
+#endif
         const Stored triangle = load_stored(triangles, primitive);
         real t = 0.0f, u, v;
         mask hit = intersector_test(frame, &triangle, &t, &u, &v);
