@@ -19,17 +19,19 @@ from harness.tracers._arrange import Record, TwoPass
 from harness.tracers._base import COUNTERS, Batch, BatchTooLarge, DeviceOptions, DeviceTracer, Setting
 from harness.tracers._bins import Bins
 from harness.tracers._compaction import compact
+from harness.tracers._sort import Sort
 
 ENDLESS = 1 << 30  # more non-empty cells than a ray can meet
 LONGEST_WAVE = 4096  # cells; beyond, say `all`
+ARRANGEMENTS = {"two-pass": TwoPass, "record": Record, "sort": Sort}
 
 
 class DeferredOptions(DeviceOptions):
-    """`arrange`: walk twice (the paper) or walk once and remember; `wave`: non-empty cells a ray, or `all`; `growth`:
-    times as many in each wave as in the one before; `pairs`: whether a bin holds the index of a ray, which the
-    intersector gathers, or a copy of the ray."""
+    """`arrange`: walk twice (the paper), walk once and remember, or remember and sort; `wave`: non-empty cells a ray,
+    or `all`; `growth`: times as many in each wave as in the one before; `pairs`: whether a bin holds the index of a
+    ray, which the intersector gathers, or a copy of the ray."""
 
-    arrange: Literal["two-pass", "record"] = "two-pass"
+    arrange: Literal["two-pass", "record", "sort"] = "two-pass"
     wave: str = "4"
     compaction: bool = True
     pairs: Literal["index", "copy"] = "index"
@@ -76,7 +78,7 @@ class Deferred(DeviceTracer):
         queue = self.device.queue
         walk = self.program("traverse.cl", grid=True, walk_lanes=self.lanes, defines=self.options.defines)
         bins = Bins(self)
-        arrange = TwoPass if self.options.arrange == "two-pass" else Record
+        arrange = ARRANGEMENTS[self.options.arrange]
         active, active_count = cl.array.arange(queue, batch.count, dtype=np.int32), batch.count
         spare = self.room("spare", batch.count)
         length = self.options.cells
