@@ -35,6 +35,17 @@ inline void store_digits(local const int *digits, global int *table, int stride)
         table[(size_t)d * stride] = digits[d];
 }
 
+// Prefix sum of a table, which is short, by one work-item; its last place takes the sum of all.
+kernel void sum_counts(const int count, global int *table)
+{
+    int sum = 0;
+    for (int i = 0; i < count; ++i) {
+        const int here = table[i];
+        table[i] = sum;
+        sum += here;
+    }
+}
+
 // The first pass reads what the walk recorded. `first_block`: of this segment, among `stride` blocks of all segments.
 #define RECORDED                                                                                            \
     const int active_count, global const int *active, const int slots, global const int *recorded,          \

@@ -18,6 +18,7 @@ from harness.tracers._base import BatchTooLarge
 
 MOST_DIGIT_BITS = 10  # 1024 counters and as many places written to: what a core's first cache holds
 BLOCKS_A_CORE = 4
+SHORT_TABLE = 1 << 16  # counts that one core sums sooner than a parallel prefix sum starts
 LEAST_BLOCK = 4096  # pairs; a smaller block has more digits to look after than pairs
 
 
@@ -52,8 +53,7 @@ class Sort(Record):
 
     def _sort_blocks(self, passes: int, bits: int) -> tuple[cl.array.Array, int]:
         """Sorted pairs, 8 bytes each, and their number. The first pass reads what was recorded."""
-        device, segments = self.tracer.device, self.segments
-        scan = exclusive_scan(device)
+        segments = self.segments
         blocks = [self._blocks(s.count) for s in segments]
         table = self._table(sum(blocks))
         firsts = np.cumsum([0, *blocks[:-1]])
@@ -63,8 +63,7 @@ class Sort(Record):
         ]
         for part, number in zip(parts, blocks, strict=True):
             self.program.launch("count_recorded", number, *part, table, local=1)
-        scan(table)
-        pairs = int(table[-1].get())
+        pairs = self._sum(table)
         source, target = (self._room_for_pairs(f"pairs to sort {i}", pairs) for i in range(2))
         for part, number in zip(parts, blocks, strict=True):
             self.program.launch("move_recorded", number, *part, table, source, local=1)
@@ -73,13 +72,21 @@ class Sort(Record):
         for shift in range(self.digit_bits, passes * self.digit_bits, self.digit_bits):
             arguments = (pairs, shift, number, source, table)
             self.program.launch("count_digits", number, *arguments, local=1)
-            scan(table)
+            self._sum(table, read=False)
             self.program.launch("move_digits", number, *arguments, target, local=1)
             source, target = target, source
         return source, pairs
 
     def _blocks(self, count: int) -> int:
         return max(1, min(BLOCKS_A_CORE * self.tracer.device.compute_units, count // LEAST_BLOCK))
+
+    def _sum(self, table: cl.array.Array, read: bool = True) -> int:
+        """Prefix sum in place; returns the sum of all where it is to be read."""
+        if len(table) <= SHORT_TABLE:
+            self.program.launch("sum_counts", 1, len(table), table, local=1)
+        else:
+            exclusive_scan(self.tracer.device)(table)
+        return int(table[-1].get()) if read else 0
 
     def _table(self, blocks: int) -> cl.array.Array:
         """Counts int32[digits, blocks], and one more place for their sum."""
