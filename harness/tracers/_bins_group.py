@@ -16,7 +16,7 @@ GROUP = 64  # work-items of a group: two or four vectors of the GPUs there are
 
 class GroupBins(Bins):
     """Bins of one lane, so that a chunk is a pair. No pair's cell is written down: a group of the intersector finds
-    the bins of its pairs by bisection, while writing them a work-item a cell would leave long bins to one work-item."""
+    the bins of its pairs by bisection, as a work-item that wrote the cells of a long bin would take long."""
 
     def __init__(self, tracer: Deferred):
         super().__init__(tracer)
