@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from harness.data import Counters, Rays
 from harness.intersectors import Intersector
@@ -18,22 +18,27 @@ from harness.stopwatch import Stopwatch
 from harness.tracers._arrange import Record, TwoPass
 from harness.tracers._base import COUNTERS, Batch, BatchTooLarge, DeviceOptions, DeviceTracer, Setting
 from harness.tracers._bins import Bins
+from harness.tracers._bins_group import GroupBins
 from harness.tracers._compaction import compact
+from harness.tracers._sort import Sort
 
 ENDLESS = 1 << 30  # more non-empty cells than a ray can meet
 LONGEST_WAVE = 4096  # cells; beyond, say `all`
+ARRANGEMENTS = {"two-pass": TwoPass, "record": Record, "sort": Sort}
 
 
 class DeferredOptions(DeviceOptions):
-    """`arrange`: walk twice (the paper) or walk once and remember; `wave`: non-empty cells a ray, or `all`; `growth`:
-    times as many in each wave as in the one before; `pairs`: whether a bin holds the index of a ray, which the
-    intersector gathers, or a copy of the ray."""
+    """`arrange`: walk twice (the paper), walk once and remember, or remember and sort; `wave`: non-empty cells a ray,
+    or `all`; `growth`: times as many in each wave as in the one before; `pairs`: whether a bin holds the index of a
+    ray, which the intersector gathers, or a copy of the ray; `form`: the intersector tests a bin's rays in the lanes
+    of a vector, or a work-item each, in groups (a GPU's default)."""
 
-    arrange: Literal["two-pass", "record"] = "two-pass"
+    arrange: Literal["two-pass", "record", "sort"] = "two-pass"
     wave: str = "4"
     compaction: bool = True
     pairs: Literal["index", "copy"] = "index"
     growth: int = Field(default=1, ge=1, le=64)
+    form: Literal["auto", "lanes", "group"] = "auto"
 
     @field_validator("wave")
     @classmethod
@@ -41,6 +46,13 @@ class DeferredOptions(DeviceOptions):
         if wave != "all" and not (wave.isdigit() and 0 < int(wave) <= LONGEST_WAVE):
             raise ValueError(f"must be a whole number from 1 to {LONGEST_WAVE}, or 'all'")
         return wave
+
+    @field_validator("form")
+    @classmethod
+    def _one_lane(cls, form: str, info: ValidationInfo) -> str:
+        if form == "group" and info.data.get("lanes") not in ("auto", "1"):
+            raise ValueError("a group's work-items have one lane each; leave lanes out")
+        return form
 
     @property
     def cells(self) -> int:
@@ -71,12 +83,23 @@ class Deferred(DeviceTracer):
         super().__init__(setting, intersector, options)
         self._rooms: dict[str, cl.array.Array] = {}
 
+    @property
+    def in_groups(self) -> bool:
+        """Whether the intersector takes a ray a work-item, in work-groups."""
+        one_lane = self.options.lanes == "1" or (self.options.lanes == "auto" and self.device.native_lanes == 1)
+        return self.options.form == "group" or (self.options.form == "auto" and one_lane and not self.device.is_cpu)
+
+    @property
+    def lanes(self) -> int:
+        """Rays walked and tested at a time: one where each has a work-item of its own."""
+        return 1 if self.in_groups else super().lanes
+
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """All waves of one batch."""
         queue = self.device.queue
         walk = self.program("traverse.cl", grid=True, walk_lanes=self.lanes, defines=self.options.defines)
-        bins = Bins(self)
-        arrange = TwoPass if self.options.arrange == "two-pass" else Record
+        bins = GroupBins(self) if self.in_groups else Bins(self)
+        arrange = ARRANGEMENTS[self.options.arrange]
         active, active_count = cl.array.arange(queue, batch.count, dtype=np.int32), batch.count
         spare = self.room("spare", batch.count)
         length = self.options.cells
