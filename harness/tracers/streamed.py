@@ -47,7 +47,7 @@ class Streamed(DeviceTracer):
         bins = cl.array.empty(queue, streams * cells * self.lanes, np.int32)
         filled = cl.array.zeros(queue, streams * cells, np.uint8)
         listed = cl.array.empty(queue, streams * (cells + 1), np.int32)
-        program = self.program("stream.cl", lanes=self.lanes, grid=True, walk_lanes=self.lanes)
+        program = self.program("stream.cl", lanes=self.lanes, grid=True, walk_lanes=2 * self.lanes if self.lanes in (4, 8) else self.lanes)
         program.launch(
             "trace_stream",
             streams,
