@@ -76,7 +76,9 @@ cold_path void intersect_chunk(const Stream *s, const Chunk *chunk)
         for (int lane = 0; lane < LANES; ++lane)
             if (primitive[lane] >= 0) {
                 const int i = chunk->ray[lane];
-                s->keys[i] = min(s->keys[i], hit_key(t[lane], (uint)primitive[lane]));
+                const ulong key = hit_key(t[lane], (uint)primitive[lane]);
+                // Read only for a tie: a key that is only written keeps nobody waiting.
+                s->keys[i] = t[lane] < s->rays[i].t_max ? key : min(s->keys[i], key);
                 s->rays[i].t_max = t[lane];
             }
     }
@@ -90,8 +92,11 @@ cold_path void intersect_chunk(const Stream *s, const Chunk *chunk)
 cold_path void queue_chunk(Stream *s, int cell)
 {
     Chunk *chunk = s->queue + s->queued % QUEUE;
-    if (s->queued >= QUEUE)
+    if (s->queued >= QUEUE) {
+        const int next = s->queue[(s->queued + 1) % QUEUE].cell;
+        fetch_triangles(s->triangles, s->references, s->cell_start[next], s->cell_start[next + 1]);
         intersect_chunk(s, chunk);
+    }
     chunk->cell = cell;
     for (int lane = 0; lane < LANES; ++lane)
         chunk->ray[lane] = s->bins[(size_t)cell * LANES + lane];

@@ -34,6 +34,7 @@ hot_path void save_group(const Group *g, const Grid grid, int first, int active_
     }
 }
 
+// As RECORDED_TOGETHER of the host has it.
 #if WALK_LANES == 1
 #define RAYS_PER_ITEM 1
 #else

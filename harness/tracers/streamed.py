@@ -1,8 +1,8 @@
 """Deferred tracing in streams: the deferred tracer without passes over its pairs, for devices with few, fast cores.
 
 Each work-item, one a core, walks its own rays, bins their pairs privately and intersects a bin as soon as it holds a
-chunk. Nothing is counted, scanned or scattered, and no atomic is needed; the price is that only rays of one core share
-a chunk.
+chunk. Nothing is counted, scanned or scattered, and no atomic is needed; the price is that only rays of one core
+share a chunk.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class Streamed(DeviceTracer):
         """One kernel; walking, binning and intersecting alternate, so there is only a total."""
         streams = min(self.options.streams or self.device.compute_units, -(-batch.count // BLOCK))
         cells, grid = max(self.grid.nonempty, 1), self.grid
-        room = -(-(-(-batch.count // BLOCK)) // streams) * BLOCK
+        blocks = -(-batch.count // BLOCK)
+        room = -(-blocks // streams) * BLOCK
         need = 4 * streams * cells * self.lanes
         if need > self.device.max_allocation_bytes:
             raise BatchTooLarge(f"{need / 2**20:.1f} MiB for its bins")
@@ -47,7 +48,7 @@ class Streamed(DeviceTracer):
         bins = cl.array.empty(queue, streams * cells * self.lanes, np.int32)
         filled = cl.array.zeros(queue, streams * cells, np.uint8)
         listed = cl.array.empty(queue, streams * (cells + 1), np.int32)
-        program = self.program("stream.cl", lanes=self.lanes, grid=True, walk_lanes=2 * self.lanes if self.lanes in (4, 8) else self.lanes)
+        program = self.program("stream.cl", lanes=self.lanes, grid=True, walk_lanes=self.exchanged_lanes)
         program.launch(
             "trace_stream",
             streams,
