@@ -126,8 +126,8 @@ def measured(folder, *more: str):
     """`defray roofline` of a ball."""
     mesh = icosphere(2)
     np.savez(folder / "ball.npz", vertices=mesh.reshape(-1, 3), faces=np.arange(3 * len(mesh)).reshape(-1, 3))
-    arguments = ["roofline", str(folder / "ball.npz"), "--kind", "random", "--rays", "2k", "--top", "2", "--leaf", "8"]
-    return CliRunner().invoke(app, [*arguments, "--repetitions", "2", "--out", str(folder), *more])
+    arguments = ["roofline", str(folder / "ball.npz"), "--kind", "random", "--top", "2", "--leaf", "8"]
+    return CliRunner().invoke(app, [*arguments, "--rays", "2k", "--repetitions", "2", "--out", str(folder), *more])
 
 
 @pytest.fixture(scope="module")
