@@ -32,9 +32,7 @@ def roofline(
     check: Annotated[str, typer.Option(help="Compare hits with 'embree' or with 'exact' arithmetic.")] = "embree",
     instructions: Annotated[
         bool,
-        typer.Option(
-            "--instructions", help="Also count the instructions of each deferred variant's loop over triangles (PoCL)."
-        ),
+        typer.Option("--instructions", help="Also count instructions of each deferred variant's loop (PoCL)."),
     ] = False,
     device: DeviceOption = None,
     json: JsonOption = False,
