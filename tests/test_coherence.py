@@ -186,7 +186,8 @@ def test_a_stored_row_reads_back_and_a_wrong_one_is_refused(tmp_path):
 def test_the_prediction_stands_beside_what_was_measured():
     """Scalar work-optimal over deferred intersection, of the same scene, grid and intersector."""
     grid = {"top": 2, "leaf": 8, "reading": "total"}
-    shared = {"scene": {"name": "ball", "source": "file", "sha256": "ab"}, "grid": grid, "intersector": "ray-space"}
+    shared = {"scene": {"name": "ball", "source": "file", "sha256": "ab"}, "grid": grid, "intersector": "ray-space",
+              "rays": {"kind": "diffuse", "count": 100, "seed": 1}}
     timed = [{**shared, "tracer": tracer, "lanes": 8, "kernels": [{"name": name, "seconds": seconds}]}
              for tracer, name, seconds in (("deferred", "intersect_bins", [1.0, 1.0, 1.0]),
                                            ("work-optimal", "intersect_visited", [5.0, 6.0, 7.0]))]
@@ -195,5 +196,5 @@ def test_the_prediction_stands_beside_what_was_measured():
     runs = SimpleNamespace(coherence=[counted], roofline=timed, scene_place=lambda name: 0,
                            title_of=lambda scene: scene["name"])
     assert table.measured_ratios(runs) == ["ball, 2/8 total: 8.0 predicted, 6 [5, 7] measured"]
-    runs.roofline = timed[:1]
+    runs.roofline = [timed[0], {**timed[1], "rays": {**timed[1]["rays"], "count": 101}}]
     assert table.measured_ratios(runs) == []

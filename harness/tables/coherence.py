@@ -41,8 +41,7 @@ def measured_ratios(runs: Runs) -> list[str]:
     found = []
     for row in sorted(runs.coherence, key=lambda one: place_of(runs, one)):
         timed = {kernel["name"]: (other, kernel) for other in runs.roofline for kernel in other["kernels"]
-                 if (other["scene"]["sha256"], grid_name(other["grid"])) ==
-                 (row["scene"]["sha256"], grid_name(row["grid"])) and other["intersector"] == row["intersector"]}
+                 if _work_of(other) == _work_of(row)}
         if not {"intersect_bins", "intersect_visited"} <= set(timed):
             continue
         (deferred, bins), (_, visited) = timed["intersect_bins"], timed["intersect_visited"]
@@ -55,6 +54,11 @@ def measured_ratios(runs: Runs) -> list[str]:
         found.append(f"{runs.title_of(row['scene'])}, {grid_name(row['grid'])}: {scalar / ours['test_trips']:.1f} "
                      f"predicted, {measured} measured")
     return found
+
+
+def _work_of(row: dict) -> tuple:
+    """What two rows must share to be compared."""
+    return row["scene"]["sha256"], grid_name(row["grid"]), row["rays"], row["intersector"]
 
 
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:
