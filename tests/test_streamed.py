@@ -1,16 +1,24 @@
-"""The tracer that bins in streams: no option changes a bit, counts repeat, and few rays against many triangles agree."""
+"""The tracer that bins in streams: no option changes a bit, counts repeat, few rays against many triangles agree."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from shapes import aimed_rays, every_intersector, random_rays, soup
+from shapes import every_intersector, random_rays, soup
 from test_adaptive import MESHES, SPECS
 from test_adaptive import setting_of as adaptive_setting
 from test_tracers import hits_of, setting_of
 
 from harness import tracers
-from harness.data import GridSpec
+from harness.data import GridSpec, Rays
 from harness.intersectors import INTERSECTORS
+
+
+def at_centres(mesh, count) -> Rays:
+    """Rays from outside at the centres of the first triangles."""
+    origins = np.full((count, 3), -1, np.float32)
+    directions = mesh[:count].mean(axis=1) - origins
+    return Rays(origins, directions, np.full(count, np.inf, np.float32))
 
 
 @pytest.mark.parametrize("lanes", ["1", "4", "8", "16"])
@@ -37,10 +45,10 @@ def test_batches_change_no_bit(device, batch):
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 9, 40])
 @pytest.mark.parametrize("tracer", ["deferred", "streamed"])
 def test_few_rays_against_many_triangles_a_cell(device, intersector, count, tracer):
-    """Chunks that are not full are tested a triangle a lane; two triangles with the same hit keep the lower number."""
+    """Chunks that are not full are tested a triangle a lane; of two triangles with the same hit the lower counts."""
     mesh = soup(400, size=0.6)
     mesh[200:] = mesh[:200]  # every hit is a tie
-    rays = aimed_rays(mesh, (0.5, 0.5, 0.5), count)
+    rays = at_centres(mesh, count)
     setting = setting_of(device, mesh, GridSpec(1, 2))
     expected = hits_of(setting, rays, "brute", intersector)
     assert (expected.primitive >= 0).any() and expected.primitive.max() < 200
@@ -53,7 +61,7 @@ def test_idle_lanes_of_few_rays_are_counted(device):
     setting = setting_of(device, mesh, GridSpec(1, 1))
     for tracer in ("deferred", "streamed"):
         counts = tracers.find(tracer)(setting, INTERSECTORS["ray-space"], {"lanes": "8"}).count(
-            aimed_rays(mesh, (0.5, 0.5, 0.5), 1)
+            at_centres(mesh, 1)
         )
         assert counts.tests == 100 and counts.lane_tests == 104
 
