@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from harness import accuracy_command
+from harness.claims import command as claims_command
 from harness.errors import DefrayError
 from harness.options import DeviceOption, JsonOption
 from harness.scenes_command import scenes_app
@@ -248,6 +249,7 @@ app.command(
     epilog="Examples:  [bold]defray stability[/bold]   [bold]defray stability --intersector all --family W2[/bold]"
 )(stability)
 accuracy_command.register(app)
+claims_command.register(app)
 
 
 def _records_of(folder: Path) -> Path:
