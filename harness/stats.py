@@ -76,8 +76,8 @@ def quotient(rates: Sequence[float], base_rates: Sequence[float], confidence: fl
     """Median of `rates` over median of `base_rates`, from runs that were not measured together.
 
     Each side is resampled by itself, so the interval is wider than that of `ratio`. Fewer than three values on either
-    side cannot be resampled: the interval is then that of the extremes. Raises DefrayError for a base rate that is not
-    positive.
+    side cannot be resampled: the interval is then that of the extremes. Raises DefrayError for base rates not above
+    zero.
     """
     sample, base = _finite(rates), _finite(base_rates)
     if (base <= 0).any():
@@ -120,8 +120,8 @@ def exponent(sizes: Sequence[float], values: Sequence[float], groups: Sequence[s
     """The power p of `values` proportional to `sizes` ** p, with a factor of its own for each group.
 
     Least squares through the logarithms, taken from their mean in each group; the 95 % interval is Student's, which
-    tells how well one power describes these points, not the noise of a timing. Raises DefrayError where a number is not
-    positive, no group has two different sizes, or the points are just enough for a power and leave nothing to judge it.
+    tells how well one power describes these points, not the noise of a timing. Raises DefrayError where a number is
+    not positive, no group has two different sizes, or no more points are there than a power takes.
     """
     x, y = _finite(sizes), _finite(values)
     if len(x) != len(y) or len(x) != len(groups) or min(x.min(), y.min()) <= 0:

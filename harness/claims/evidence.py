@@ -76,8 +76,8 @@ class Operand(Strict):
         return found[found["record"].map(lambda record: bool(self.values(record))).astype(bool)]
 
     def words(self) -> str:
-        """`deferred:ray-space, intersect`."""
-        grid = "" if self.grid == PAPER_GRID else f" on {self.grid} grid"
+        """The variant, and its grid if that is not the paper's."""
+        grid = "" if self.grid == PAPER_GRID else f" on grid {self.grid}"
         return f"{self.variant}{grid}"
 
 
@@ -85,7 +85,7 @@ def _counter(record: dict, name: str) -> float:
     return record["rays"]["count"] if name == "rays" else record["counters"].get(name) or 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pair:
     """Two runs on the same rays of one scene, and the ratio of their values with its 95 % interval.
 
@@ -163,18 +163,26 @@ def rungs(runs: Runs, scene: str, of: Operand, to: Operand) -> list[Pair]:
     return sorted(best, key=lambda pair: pair.triangles)
 
 
-def missing_runs(runs: Runs, scenes: Sequence[str], operands: Sequence[Operand]) -> str:
-    """Why a rule has too few scenes: which variants have no valid record where, in one clause."""
-    lacking = {}
+def lacking(runs: Runs, scenes: Sequence[str], found: Sequence[str], operands: Sequence[Operand], least: int) -> str:
+    """Why a rule has too few scenes: `found` of `scenes`, `least` needed; which variants have no run where."""
+    absent = [name for name in scenes if name not in found]
+    parts = []
     for operand in operands:
-        without = [name for name in scenes if operand.matches(scene_rows(runs, name)).empty]
-        if without:
-            lacking[operand.words()] = without
-    if not lacking:
-        return "its runs trace no rays in common"
-    parts = [f"no valid diffuse run of {name}{_where(without, scenes)}" for name, without in lacking.items()]
-    return "; ".join(parts)
+        without = [name for name in absent if operand.matches(scene_rows(runs, name)).empty]
+        failed = [name for name in without if _failed(runs, name, operand)]
+        never = [name for name in without if name not in failed]
+        parts += [f"{operand.words()} failed its check{_where(failed, scenes)}"] if failed else []
+        parts += [f"no run of {operand.words()}{_where(never, scenes)}"] if never else []
+    reason = "; ".join(dict.fromkeys(parts)) or "its runs trace no rays in common"
+    return reason if not found else f"{len(found)} of {len(scenes)} scenes, {least} needed: {reason}"
+
+
+def _failed(runs: Runs, scene: str, operand: Operand) -> bool:
+    """Whether the variant ran on the scene and its hits were wrong."""
+    rows = runs.all
+    return bool(((rows["scene"].map(plain) == plain(scene)) & ~rows["valid"] & (rows["kind"] == "diffuse")
+                 & (rows["label"] == operand.variant)).any())
 
 
 def _where(without: Sequence[str], scenes: Sequence[str]) -> str:
-    return "" if len(without) == len(scenes) and len(scenes) > 1 else f" on {', '.join(without)}"
+    return "" if len(without) == len(scenes) else f" on {', '.join(without)}"

@@ -40,7 +40,8 @@ def claims_table(judged: Sequence[Judged], device: str = ""):
     from rich.table import Table
 
     where = f" on {plain(device)}" if device else ""
-    table = Table(title=f"The paper's claims{where}: {counts_text(judged)}", box=None, title_justify="left", padding=(0, 1))
+    title = f"The paper's claims{where}: {counts_text(judged)}"
+    table = Table(title=title, box=None, title_justify="left", padding=(0, 1))
     for name, ratio in (("verdict", None), ("claim", 4), ("measured", 6), ("needed", 2)):
         table.add_column(name, ratio=ratio, no_wrap=name == "verdict")
     for row in claims_rows(judged):
@@ -75,7 +76,8 @@ def _row(one: Judged) -> Markup:
         '<td class="long">{title}<details><summary>the paper’s words, and the rule</summary>'
         "<blockquote>{words}<br><cite>{place}</cite></blockquote><p>{reading}</p><p>{needed}</p></details></td>"
         '<td class="long">{measured}<details><summary>numbers</summary><ul>{findings}</ul>'
-        "<p>Records: <code>{records}</code></p><p><code>{command}</code>, about {minutes:g} minutes</p></details></td>"
+        "<p>Records: <code>{records}</code></p><p><code>{command}</code>, about {minutes:g} minutes</p></details>"
+        "</td>"
         "</tr>"
     ).format(kind=kind, id=claim.id, mark=MARKS[one.verdict], verdict=one.verdict, title=claim.title,
              words=claim.words, place=claim.place, reading=claim.reading, needed=" ".join(needed),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from harness.claims.outcome import Bound, Finding, Outcome, Strict, missing
+from harness.stats import Interval
 
 
 class Rule(Strict):
@@ -30,5 +31,5 @@ class Rule(Strict):
         value, low, high = one["median"] / two["median"], one["low"] / two["high"], one["high"] / two["low"]
         answer = self.full.holds(low, high)
         finding = Finding(f"{self.of} over {self.to}", value, low, high, ("stability.json",), False, answer)
-        return Outcome(answer, self.shape.holds(low, high), words, [finding], f"{value:.3g}",
+        return Outcome(answer, self.shape.holds(low, high), words, [finding], f"{Interval(value, low, high)}",
                        shape_threshold=self.shape.words(scenes=False), needed=self.full.words(scenes=False))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Literal
 
-from harness.claims.evidence import LEAST_REPETITIONS, Operand, missing_runs, pair_on, scene_rows
+from harness.claims.evidence import LEAST_REPETITIONS, Operand, lacking, pair_on, scene_rows
 from harness.claims.outcome import Finding, Outcome, Strict, every, missing
 from harness.stats import quotient
 
@@ -26,8 +26,8 @@ class Rule(Strict):
         known = {scene: pair for scene, pair in found.items() if pair is not None}
         words = "every pair in the order " + ", ".join(self.order)
         if len(known) < self.least:
-            reason = missing_runs(evidence.runs, [scene for scene in self.order if scene not in known], (self.of,))
-            return missing(f"records of {len(known)} of {len(self.order)} scenes, {self.least} needed: {reason}", words, "every pair")
+            reason = lacking(evidence.runs, self.order, list(known), (self.of,), self.least)
+            return missing(reason, words, "every pair")
         answers, findings = [], []
         for fast, slow in combinations(self.order, 2):
             answer, finding = self._compare(known.get(fast), known.get(slow), f"{fast} before {slow}")
@@ -36,9 +36,9 @@ class Rule(Strict):
         sure, possible = answers.count(True), len(answers) - answers.count(False)
         shape = True if sure >= self.shape_pairs else None if possible >= self.shape_pairs else False
         ranked = sorted(known, key=lambda scene: sorted(known[scene].samples[0])[len(known[scene].samples[0]) // 2])
-        return Outcome(every(answers), shape, words, findings,
-                       f"{sure} of {len(answers)} pairs in order; here: {', '.join(ranked)}",
-                       needed="every pair", shape_threshold=f"{self.shape_pairs} of {len(answers)} pairs in that order")
+        summary = f"{sure} of {len(answers)} pairs in order; here: {', '.join(ranked)}"
+        return Outcome(every(answers), shape, words, findings, summary, needed="every pair",
+                       shape_threshold=f"{self.shape_pairs} of {len(answers)} pairs in that order")
 
     def _compare(self, fast, slow, what: str):
         """Times of two scenes; they were not measured together, so each is resampled by itself."""

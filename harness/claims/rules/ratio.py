@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from harness.claims.evidence import LEAST_REPETITIONS, Operand, Pair, missing_runs, pair_on, scene_rows
+from harness.claims.evidence import LEAST_REPETITIONS, Operand, Pair, lacking, pair_on, scene_rows
 from harness.claims.outcome import Bound, Finding, Outcome, Strict, missing
 from harness.stats import geometric_mean
 
@@ -23,18 +23,18 @@ class Rule(Strict):
         """Each scene's ratio against the conditions; scenes without records stay open."""
         pairs = {scene: pair_on(scene_rows(evidence.runs, scene), self.of, self.to) for scene in evidence.scenes}
         found = [pair for pair in pairs.values() if pair is not None]
-        reason = missing_runs(evidence.runs, [scene for scene, pair in pairs.items() if pair is None],
-                              (self.of, self.to)) if len(found) < len(pairs) else ""
         words = f"{self.name()} {self.full.words()}"
         if len(found) < self.least:
-            return missing(f"records of {len(found)} of {len(pairs)} scenes, {self.least} needed: {reason}", words, self.full.words())
+            known = [scene for scene, pair in pairs.items() if pair is not None]
+            reason = lacking(evidence.runs, evidence.scenes, known, (self.of, self.to), self.least)
+            return missing(reason, words, self.full.words())
         shape = self.shape or self.full
         answers = [[bound.holds(*_ends(pair)) for pair in pairs.values()] for bound in (self.full, shape)]
         findings = [self._finding(scene, pair, answer) for (scene, pair), answer in
                     zip(pairs.items(), answers[0], strict=True)]
         return Outcome(self.full.over(answers[0]), shape.over(answers[1]), words, findings, _summary(found),
                        shape_threshold=self.shape.words() if self.shape else "", needed=self.full.words(),
-                       facts=self._mean(found))
+                       facts=_mean(found))
 
     def name(self) -> str:
         """What is divided by what, in words."""
@@ -52,12 +52,13 @@ class Rule(Strict):
             note = "; ".join(filter(None, (note, " against ".join(pair.grids))))
         return Finding(pair.title, pair.value, *_ends(pair), pair.runs, pair.stand_in, answer, note)
 
-    def _mean(self, pairs: list[Pair]) -> dict:
-        """The geometric mean over the scenes that have an interval."""
-        samples = [pair.samples for pair in pairs if pair.interval]
-        if not samples or min(min(side) for both in samples for side in both) <= 0:
-            return {}
-        return {"geometric_mean": geometric_mean(samples).as_dict(), "scenes": len(samples)}
+
+def _mean(pairs: list[Pair]) -> dict:
+    """The geometric mean over the scenes that have an interval."""
+    samples = [pair.samples for pair in pairs if pair.interval]
+    if not samples or min(min(side) for both in samples for side in both) <= 0:
+        return {}
+    return {"geometric_mean": geometric_mean(samples).as_dict(), "scenes": len(samples)}
 
 
 def _ends(pair: Pair | None) -> tuple[float | None, float | None]:
@@ -69,6 +70,11 @@ def _what(operand: Operand) -> str:
 
 
 def _summary(pairs: list[Pair]) -> str:
-    """`1.6 to 7.3`."""
-    values = sorted(pair.value for pair in pairs)
-    return f"{values[0]:.3g} to {values[-1]:.3g}" if len(values) > 1 else f"{values[0]:.3g}"
+    """The least and the greatest, `1.59 [1.55, 1.62] Conference to 7.31 [7.29, 7.33] Crown`."""
+    ordered = sorted(pairs, key=lambda pair: pair.value)
+    return " to ".join(_short(pair) for pair in dict.fromkeys((ordered[0], ordered[-1])))
+
+
+def _short(pair: Pair) -> str:
+    exact = pair.interval is None or pair.interval.low == pair.interval.high
+    return f"{f'{pair.value:.3g}' if exact else pair.interval} {pair.title.removesuffix(' (stand-in)')}"

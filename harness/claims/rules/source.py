@@ -39,9 +39,9 @@ class Rule(Strict):
         expected = 3 * self.dot_products + 6 * self.cross_products
         answer = products == expected and sums == self.flops - expected
         note = f"{products} products and {sums} sums or differences in kernels/intersect/{entry.file}"
-        finding = Finding("operations of a test", products + sums, products + sums, products + sums, (), False, answer,
-                          note)
-        return Outcome(answer, answer, tally, [finding], f"{products + sums} operations")
+        total = products + sums
+        finding = Finding("operations of a test", total, total, total, answer=answer, note=note)
+        return Outcome(answer, answer, tally, [finding], f"{total} operations", needed=f"{self.flops} operations")
 
 
 def operations(source: str) -> tuple[int, int]:

@@ -6,9 +6,10 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from harness.claims.evidence import Operand, Pair, missing_runs, pair_on, rungs, scene_rows
+from harness.claims.evidence import Operand, Pair, lacking, pair_on, rungs, scene_rows
 from harness.claims.outcome import Answer, Finding, Outcome, Strict, missing
 from harness.errors import DefrayError
+from harness.figures.runs import plain
 from harness.stats import Interval, exponent, fits
 
 
@@ -62,14 +63,14 @@ class Rule(Strict):
             pairs = [pair for ladder in ladders.values() for pair in ladder]
             groups = [f"{scene} {pair.stand_in}" for scene, ladder in ladders.items() for pair in ladder]
         if len(pairs) < self.least:
-            return missing(f"{len(pairs)} points of the {self.least} needed: {self._reason(evidence)}",
-                           self.full.words())
+            return missing(self._reason(evidence, pairs), self.full.words())
         return self._fitted(pairs, groups)
 
-    def _reason(self, evidence) -> str:
+    def _reason(self, evidence, pairs: list[Pair]) -> str:
         if self.over == "sizes":
-            return "no scene was measured in two or more sizes with both sides of the ratio"
-        return missing_runs(evidence.runs, evidence.scenes, (self.of, self.to))
+            return f"{len(pairs)} points, {self.least} needed: sizes of one scene with both sides of the ratio"
+        known = [scene for scene in evidence.scenes if plain(scene) in {plain(pair.scene) for pair in pairs}]
+        return lacking(evidence.runs, evidence.scenes, known, (self.of, self.to), self.least)
 
     def _fitted(self, pairs: list[Pair], groups: list[str]) -> Outcome:
         sizes, values = [pair.triangles for pair in pairs], [pair.value for pair in pairs]
