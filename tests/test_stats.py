@@ -139,7 +139,7 @@ def test_few_points_carry_no_trend():
     ranked = stats.fits(x, x * [1.1, 0.9, 1.1, 0.9])
     assert ranked[0].model == "constant" and math.isinf(ranked[1].aicc)
     scattered = stats.fits([1, 2, 8, 10, 30], [3.1, 1.6, 2.3, 7.3, 5.9])
-    assert [fit.model for fit in scattered][0] == "constant", "five scattered scenes are described by their mean"
+    assert scattered[0].model == "constant", "five scattered scenes are described by their mean"
     with pytest.raises(DefrayError, match="three or more"):
         stats.fits([1, 2], [1, 2])
 
