@@ -75,10 +75,10 @@ def _fit_text(numbers: pd.DataFrame) -> str:
     scores = ", ".join(f"{CURVES[one.model]} {one.aicc:.1f}" for one in ranked if one.aicc < float("inf"))
     middle, low, high = (float(values[0]) for values in fit.at([points["triangles"].median()]))
     text = (f" Of three curves through the {len(points)} ray-space points AICc prefers {CURVES[fit.model]} "
-            f"({scores}; less is better), drawn with its 95 % interval: {middle:.2g}× ({low:.2g} to {high:.2g}) at the middle "
-            f"scene. As a power of the triangles the speed-up goes as {power.median:.2f} ({power.low:.2f} to "
-            f"{power.high:.2f}); near-linear would be about 1.").replace("-0.", "−0.")
-    return text + (" So few scenes show no trend that could be told from their scatter." if fit.model == "constant" else "")
+            f"({scores}; less is better), drawn with its 95 % interval: {middle:.2g}× ({low:.2g} to {high:.2g}) "
+            f"at the middle scene. As a power of the triangles the speed-up goes as {power.median:.2f} "
+            f"({power.low:.2f} to {power.high:.2f}); near-linear would be about 1.").replace("-0.", "−0.")
+    return text + (" So few scenes show no trend beyond their scatter." if fit.model == "constant" else "")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
@@ -108,7 +108,7 @@ def _curve(axis, numbers: pd.DataFrame) -> None:
     middle, low, high = fit.at(sizes)
     axis.fill_between(sizes, low, high, color=style.BLUE, alpha=0.1, linewidth=0, zorder=1)
     axis.plot(sizes, middle, color=style.BLUE, linewidth=1.1, zorder=2,
-              label=f"{CURVES[fit.model]} through the ray-space points, 95 %")
+              label=f"{CURVES[fit.model]} through the ray-space points, and 95 %")
     centre = np.exp(np.log(points[["triangles", "speedup"]]).mean())
     axis.plot(sizes, centre["speedup"] * sizes / centre["triangles"], color=style.MUTED, linewidth=1,
               linestyle=":", label="in proportion to size", zorder=1.5)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import pandas as pd
 
 from harness.figures import style
@@ -62,7 +64,7 @@ def _row(name: str, system: str, hardware: str, rate: float, rays: str, place: s
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """Why nothing here is divided by anything."""
     return ("Incoherent rays a second, logarithmic axis. Filled: measured here, on real scenes. Hollow: as "
-            "published, on other hardware, with other rays and sometimes another version of the scene; they show the order of "
+            "published, on other hardware, with other rays and sometimes another version of the scene; they show orders of "
             "magnitude and make no ratio with ours. The paper's numbers count traversal alone. Sources stand in the "
             "table.")
 
@@ -82,16 +84,16 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     mine = sum(hardware == OURS for _, hardware in systems)
     axis.axhspan(-0.5, mine - 0.5, color=style.BAND, zorder=0, linewidth=0)
     axis.set(xscale="log", ylim=(len(systems) - 0.4, -0.6), yticks=range(len(systems)),
-             yticklabels=[_system_name(*key, narrow) for key in systems], xlabel="million rays per second")
+             yticklabels=[_system_name(*key, narrow) for key in systems],
+             xlabel="million rays/s" if narrow else "million rays per second")
     low, high = numbers["rate_mrays_per_s"].min() / 1.5, numbers["rate_mrays_per_s"].max() * 1.5
     axis.set_xlim(low, high)
     style.log_axis(axis.xaxis, low, high, sparse=True)
     axis.tick_params(axis="y", length=0, labelsize=6.5 if narrow else 7)
     axis.grid(axis="both")
-    across = axis.get_yaxis_transform()
-    axis.text(0.015, len(systems) - 0.75, "hollow: published, other\nhardware and rays", transform=across,
-              va="bottom", fontsize=7, color=style.MUTED)
-    figure.legend(loc="outside lower center", ncols=3 if narrow else 5)
+    axis.plot([], [], linestyle="none", marker="o", color=style.MUTED, markerfacecolor=style.PAGE,
+              label="hollow: other hardware and rays")
+    figure.legend(loc="outside lower center", ncols=2 if narrow else 3)
     return figure
 
 
@@ -100,4 +102,4 @@ def _system_name(system: str, hardware: str, narrow: bool) -> str:
         return f"{system} (here)"
     kind = hardware.split(",")[0].removeprefix("its ")
     kind = f"unnamed {kind}" if "not named" in hardware else hardware
-    return f"{system}\n({kind})" if narrow else f"{system} ({kind})"
+    return textwrap.fill(f"{system} ({kind})", 28) if narrow else f"{system} ({kind})"

@@ -58,8 +58,8 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """What the axes are and what is marked."""
     text = ("Deferred tracer, diffuse rays, default options. Across: leaf cells an axis over the whole scene; "
             "upwards: cells an axis of the first level. Left, median rate of the whole trace; right, bytes of the "
-            "grid; each map has its own scale, logarithmic, darker is more. Framed: the fastest uniform grid measured; "
-            "dotted: the paper's 8/128.")
+            "grid; each map has its own scale, logarithmic, darker is more. Framed: the fastest uniform grid "
+            "measured; dotted: the paper's 8/128.")
     if numbers["chosen"].any():
         text += " A star marks the grid that the harness chooses by itself."
     if (numbers["reading"] == "adaptive").any():
@@ -84,7 +84,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
         for axis, (column, label, colour) in zip(pair, VALUES, strict=True):
             _map(axis, scenes[number], column, label, colour)
         pair[0].set_ylabel("first level")
-        pair[0].set_title(scenes[number]["scene"].iloc[0], loc="left", pad=13)
+        pair[0].set_title(scenes[number]["scene"].iloc[0], loc="left", pad=4)
     return figure
 
 
@@ -108,7 +108,7 @@ def _map(axis, scene: pd.DataFrame, column: str, label: str, colour: str) -> Non
     axis.tick_params(length=0)
     for side in ("left", "bottom"):
         axis.spines[side].set_visible(False)
-    axis.set_title(label, loc="right", fontweight="normal", fontsize=7, color=style.MUTED, pad=2)
+    axis.set_title(label, loc="right", fontweight="normal", fontsize=7, color=style.MUTED, pad=4)
     axis.set_xlabel(_below(scene, column), fontsize=7)
     _marks(axis, uniform, tops, leaves)
 

@@ -75,8 +75,8 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     if numbers["tests_needed"].notna().any():
         text += "; the line is what work-optimal intersection needs, and what lies over it is wasted"
     return (f"{text}. Below, median nanoseconds of a ray by stage, with the 95 % interval of their sum. No "
-            f"compaction: finished rays are kept from wave to wave, of {USUAL} cells as by default (*). Scenes have their "
-            "own axes. "
+            f"compaction: finished rays are kept from wave to wave, of {USUAL} cells as by default (*). Scenes have "
+            "axes of their own. "
             f"Rays: {', '.join(f'{count:,}' for count in rays)}.")
 
 
@@ -96,7 +96,9 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
         for axis in (above, below) if narrow else (below,):
             axis.set_xlabel("cells a ray in a wave")
     handles, labels = axes[0][1].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3 if narrow else 5)
+    lines = next((axis.get_legend_handles_labels() for axis in axes[:, 0] if axis.get_legend_handles_labels()[0]),
+                 ([], []))
+    figure.legend(handles + lines[0], labels + lines[1], loc="outside lower center", ncols=3 if narrow else 6)
     return figure
 
 
@@ -105,7 +107,7 @@ def _tests_panel(axis, scene: pd.DataFrame) -> None:
     axis.plot(places, scene["tests_per_ray"], color=style.BLUE, marker="o", markersize=4, linestyle="none")
     needed = scene["tests_needed"].iloc[0]
     if pd.notna(needed):
-        axis.axhline(needed, color=style.ORANGE, linewidth=1.2)
+        axis.axhline(needed, color=style.RED, linewidth=1.2, label="tests needed")
         axis.vlines(places, needed, scene["tests_per_ray"], color=style.BLUE, linewidth=1)
     axis.set_ylim(0, scene["tests_per_ray"].max() * 1.12)
     _ticks(axis, scene)
