@@ -64,9 +64,9 @@ def _row(name: str, system: str, hardware: str, rate: float, rays: str, place: s
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """Why nothing here is divided by anything."""
     return ("Incoherent rays a second, logarithmic axis. Filled: measured here, on real scenes. Hollow: as "
-            "published, on other hardware, with other rays and sometimes another version of the scene; they show orders of "
-            "magnitude and make no ratio with ours. The paper's numbers count traversal alone. Sources stand in the "
-            "table.")
+            "published, on other hardware, with other rays and sometimes another version of the scene; they show "
+            "orders of magnitude and make no ratio with ours. The paper's numbers count traversal alone. Sources "
+            "stand in the table.")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):

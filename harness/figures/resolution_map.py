@@ -73,7 +73,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     across = 1 if narrow or len(scenes) == 1 else 2
     down = -(-len(scenes) // across)
     tallest = max(rows.loc[rows["reading"] == "total", "first_level"].nunique() for rows in scenes)
-    figure = style.canvas(down * (0.85 + 0.24 * tallest) + 0.1, narrow)
+    figure = style.canvas(down * (0.95 + 0.24 * tallest) + 0.1, narrow)
     axes = np.atleast_2d(figure.subplots(down, 2 * across, squeeze=False))
     places = axes.reshape(-1, 2)
     for number, pair in enumerate(places):
@@ -84,7 +84,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
         for axis, (column, label, colour) in zip(pair, VALUES, strict=True):
             _map(axis, scenes[number], column, label, colour)
         pair[0].set_ylabel("first level")
-        pair[0].set_title(scenes[number]["scene"].iloc[0], loc="left", pad=4)
+        pair[0].set_title(scenes[number]["scene"].iloc[0], loc="left", pad=12)
     return figure
 
 
@@ -108,7 +108,8 @@ def _map(axis, scene: pd.DataFrame, column: str, label: str, colour: str) -> Non
     axis.tick_params(length=0)
     for side in ("left", "bottom"):
         axis.spines[side].set_visible(False)
-    axis.set_title(label, loc="right", fontweight="normal", fontsize=7, color=style.MUTED, pad=4)
+    axis.annotate(label, (1, 1), (0, 3), xycoords="axes fraction", textcoords="offset points", ha="right",
+                  va="bottom", fontsize=7, color=style.MUTED)
     axis.set_xlabel(_below(scene, column), fontsize=7)
     _marks(axis, uniform, tops, leaves)
 
