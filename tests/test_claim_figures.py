@@ -76,7 +76,7 @@ def test_published_rates_stand_apart_from_ours():
     ("factors", "said"),
     [
         ((3.07, 1.6, 2.3, 7.3, 5.9), "prefers a constant"),
-        ((0.281, 0.329, 2.91, 3.51, 9.41), "prefers a line"),
+        ((1.28, 1.33, 3.88, 4.53, 10.4), "prefers a line"),
         ((0.528, 0.576, 1.697, 1.88, 3.063), "prefers a power law"),
         ((3.0, 2.0, 4.0), "Too few scenes"),
     ],
