@@ -6,6 +6,7 @@ Top cells are nearly cubic and their number follows the triangles', as do the le
 
 from __future__ import annotations
 
+import functools
 import time
 from dataclasses import dataclass
 
@@ -24,7 +25,6 @@ from harness.grid import (
     memory_limit,
     pad_of,
     padded_bounds,
-    rank_bricks,
     vector,
 )
 from harness.program import build
@@ -34,17 +34,20 @@ from harness.spec import MOST_ADAPTIVE_TOP
 TOP_DENSITY = 0.0625  # top cells per triangle
 DENSITY = 0.3  # leaf cells per triangle of a top cell, unless the spec says otherwise
 MOST_TOP_CELLS = 1 << 24
-MOST_BRICKS = 1 << 27  # a reference's cell is 32 times its brick and a bit, in 32 bits
-UNUSED = 1 << 20  # farther than any top cell
+MOST_LEAVES = 1 << 28  # a top cell's first leaf cell is kept in 28 bits
+EMPTY = -(1 << 31)  # an empty cell's entry before its eight codes are written
+OCTANTS = 8
+UNUSED = 1 << 20  # farther than any cell
 
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveGrid(Grid):
     """Grid whose second level follows the scene.
 
-    `top_block` int32[x*y*z]: first brick << 3 | level of a top cell with 2^level leaf cells per axis, or minus the
-    Chebyshev distance in top cells to the next one in use. `cell_size`: of the finest level. `shape`: top cells along
-    x, y, z, and the finest level. `cells`: leaf cells of all top cells in use.
+    `top_block` int32[x*y*z]: first leaf cell << 3 | level of a top cell with 2^level leaf cells per axis, or negative
+    where it is empty. `leaves` int32[cells]: a leaf cell's number among the non-empty ones, or negative. Negative
+    entries hold how far empty space goes, for each octant (kernels/walk_adaptive.clh). `cell_size`: of the finest
+    level. `shape`: top cells along x, y, z, and the finest level. `cells`: leaf cells of all top cells in use.
     """
 
     shape: tuple[int, int, int, int] = (1, 1, 1, 0)
@@ -85,27 +88,23 @@ def levels_of(counts: np.ndarray, density: float, finest: int) -> np.ndarray:
     return np.clip(np.rint(wanted), 0, finest).astype(np.int64)
 
 
-def bricks_of(level: np.ndarray) -> np.ndarray:
-    """Bricks of 4 x 4 x 2 leaf cells in a block of 2^level an axis."""
-    return 4 ** np.maximum(level - 2, 0) * 2 ** np.maximum(level - 1, 0)
-
-
 def build_adaptive(scene: DeviceScene, spec: GridSpec, binning: str = "padded") -> AdaptiveGrid:
     """Build the grid; raises DefrayError for one that needs too much memory. `binning` as in `grid.build_grid`."""
     started = time.perf_counter()
     builder = _Builder(scene, spec, binning)
     counts = builder.list_by_top_cell()
     top_cells = builder.choose_levels(counts)
-    bricks, nonempty = builder.list_by_leaf_cell(top_cells)
+    leaves, nonempty = builder.list_by_leaf_cell(top_cells)
     entries = builder.reference_cell, builder.reference_primitive
-    cell_start, references = fill_cells(scene, builder.program, entries, builder.references, bricks, nonempty)
+    cell_start, references = fill_cells(scene, builder.program, entries, builder.references, leaves, nonempty)
+    builder.code_empty_leaves(top_cells, leaves)
     scene.device.queue.finish()
     return AdaptiveGrid(
         spec=spec,
         lower=builder.lower,
         cell_size=builder.cell_size,
         top_block=top_cells,
-        bricks=bricks,
+        leaves=leaves,
         cell_start=cell_start,
         references=references,
         blocks=builder.blocks,
@@ -133,7 +132,7 @@ class _Builder:
         defines, self.pad = {"ADAPTIVE": 1}, pad_of(extent.max(), self.cell_size)
         if binning != "padded":
             defines["BINNING"], self.pad = BINNINGS.index(binning), vector(np.zeros(3))
-        self.bricks = 0
+        self.cells = 0
         self.program = build(self.device, "grid_build_adaptive.cl", "grid_cells.cl", defines=defines)
 
     def _triangle_arguments(self) -> tuple:
@@ -156,52 +155,81 @@ class _Builder:
         return counts.get()
 
     def choose_levels(self, counts: np.ndarray) -> cl.array.Array:
-        """Level and first brick of every top cell in use, and how far the others are from those."""
+        """Level and first leaf cell of every top cell in use, and how far empty space goes from the others."""
         used = counts > 0
         level = levels_of(counts, self.density, self.finest)
-        bricks = np.where(used, bricks_of(level), 0)
-        self.blocks, self.bricks = int(used.sum()), int(bricks.sum())
-        self.cells = int(np.where(used, 8**level, 0).sum())
-        self._check_memory(12 * self.bricks, 8 * self.bricks)
-        first = np.cumsum(bricks) - bricks
-        distance = self._distances(used)
-        return cl.array.to_device(self.queue, np.where(used, first << 3 | level, -distance).astype(np.int32))
+        cells = np.where(used, 8**level, 0)
+        self.blocks, self.cells = int(used.sum()), int(cells.sum())
+        self._check_memory(5 * self.cells, 4 * self.cells)
+        first = np.cumsum(cells) - cells
+        top_cells = cl.array.to_device(self.queue, np.where(used, first << 3 | level, EMPTY).astype(np.int32))
+        self._code_empty_top_cells(used, top_cells)
+        return top_cells
 
-    def _distances(self, used: np.ndarray) -> np.ndarray:
-        """Chebyshev distance of every top cell to the next one in use, int32[n]."""
-        near = cl.array.to_device(self.queue, np.where(used, 0, UNUSED).astype(np.int32))
-        far, stride = cl.array.empty_like(near), 1
-        for length in map(int, self.tops):
-            self.program.launch("spread_distance", len(used), len(used), length, stride, near, far)
-            near, far, stride = far, near, stride * length
-        return near.get()
+    def _code_empty_top_cells(self, used: np.ndarray, top_cells: cl.array.Array) -> None:
+        """Distance of every top cell to the next one in use ahead along each octant, coded into the empty ones."""
+        start = cl.array.to_device(self.queue, np.where(used, 0, UNUSED).astype(np.int32))
+        rooms = [cl.array.empty_like(start) for _ in range(2)]
+        for octant in range(OCTANTS):
+            near, stride = start, 1
+            for axis, length in enumerate(map(int, self.tops)):
+                towards, far = 1 if octant >> axis & 1 else -1, rooms[axis % 2]
+                self.program.launch("spread_distance", len(used), len(used), length, stride, towards, near, far)
+                near, stride = far, stride * length
+            self.program.launch("code_top_cells", len(used), len(used), octant, near, top_cells)
 
     def list_by_leaf_cell(self, top_cells: cl.array.Array) -> tuple[cl.array.Array, int]:
-        """An entry for each reference, and the occupancy bits; returns bricks and non-empty cells."""
+        """An entry for each reference; returns the leaf cells, numbered or EMPTY, and how many are not empty."""
         queue, program = self.queue, self.program
         start = cl.array.empty(queue, max(self.entries, 1), np.uint32)
         entries = np.uint32(self.entries), self.entry_top, self.entry_primitive
         inputs = (*entries, *self._triangle_arguments(), top_cells)
         program.launch("count_leaves", self.entries, *inputs, start)
         self.references = _offsets(self.device, start)
-        self._check_memory(12 * self.references + 12 * self.bricks, 4 * self.references)
-        occupancy = cl.array.zeros(queue, max(self.bricks, 1), np.uint32)
+        self._check_memory(12 * self.references + 5 * self.cells, 4 * self.references)
+        leaves = cl.array.zeros(queue, max(self.cells, 1), np.int32)
         self.reference_cell = cl.array.empty(queue, max(self.references, 1), np.uint32)
         self.reference_primitive = cl.array.empty(queue, max(self.references, 1), np.int32)
-        outputs = (occupancy, self.reference_cell, self.reference_primitive)
+        outputs = (leaves, self.reference_cell, self.reference_primitive)
         program.launch("emit_leaves", self.entries, *inputs, start, *outputs)
         del self.entry_top, self.entry_primitive
-        return rank_bricks(self.device, occupancy)
+        total = cl.array.zeros(queue, 1, np.int32)
+        number_scan(self.device)(leaves, total)
+        return leaves, int(total.get()[0])
+
+    def code_empty_leaves(self, top_cells: cl.array.Array, leaves: cl.array.Array) -> None:
+        """How far empty space goes from the empty leaf cells, within their top cell."""
+        edges = cl.array.empty(self.queue, max(self.cells, 1), np.uint8)
+        self.program.launch("code_leaves", len(top_cells), len(top_cells), top_cells, leaves, edges)
 
     def _check_memory(self, need: int, largest: int) -> None:
         """Refuse what the device cannot hold, before it is asked for."""
         limit = memory_limit(self.device)
-        too_many = self.bricks >= MOST_BRICKS or largest >= 2**33
+        too_many = self.cells >= MOST_LEAVES or largest >= 2**33
         if too_many or need > limit or largest > self.device.max_allocation_bytes:
             raise DefrayError(
                 f"grid {self.spec} needs {need / 2**30:.1f} GiB; the limit here is {limit / 2**30:.1f} GiB; "
                 "a lower density or fewer top cells would do"
             )
+
+
+@functools.cache
+def number_scan(device: Device):
+    """Numbers the leaf cells marked 1, in place, makes the others EMPTY, and tells how many there are."""
+    from pyopencl.scan import GenericScanKernel
+
+    return GenericScanKernel(
+        device.context,
+        np.int32,
+        arguments="__global int *leaves, __global int *total",
+        input_expr="leaves[i]",
+        scan_expr="a+b",
+        neutral="0",
+        output_statement=f"""
+            leaves[i] = prev_item == item ? (int)({EMPTY + 2**32}u) : prev_item;
+            if (i == N - 1) total[0] = item;
+        """,
+    )
 
 
 def _offsets(device: Device, counts: cl.array.Array) -> int:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from harness import accuracy_command
+from harness import accuracy_command, coherence_command, roofline_command
 from harness.claims import command as claims_command
 from harness.errors import DefrayError
 from harness.options import DeviceOption, JsonOption
@@ -249,6 +249,8 @@ app.command(
     epilog="Examples:  [bold]defray stability[/bold]   [bold]defray stability --intersector all --family W2[/bold]"
 )(stability)
 accuracy_command.register(app)
+roofline_command.register(app)
+coherence_command.register(app)
 claims_command.register(app)
 
 

@@ -47,9 +47,9 @@ class DeviceScene:
 class Grid:
     """Two-level grid on the device.
 
-    `top_block` int32[top^3], -1 where a top cell is empty; `bricks` uint32[b,2], occupancy bits of 4x4x2 leaf
-    cells and the number of non-empty cells before them; `cell_start` int32[nonempty+1] and `references`
-    int32[r], triangles of each non-empty cell in ascending order. `lower`, `cell_size`: float32[3]. `binning`: the
+    `top_block` int32[top^3], -1 where a top cell is empty; `leaves` uint32[b,2], occupancy bits of bricks of 4x4x2
+    leaf cells and the number of non-empty cells before them; `cell_start` int32[nonempty+1], `references` int32[r]:
+    triangles of each non-empty cell in ascending order. `lower`, `cell_size`: float32[3]. `binning`: the
     overlap test that filled it, one of BINNINGS.
     """
 
@@ -57,7 +57,7 @@ class Grid:
     lower: np.ndarray
     cell_size: np.ndarray
     top_block: cl.array.Array
-    bricks: cl.array.Array
+    leaves: cl.array.Array
     cell_start: cl.array.Array
     references: cl.array.Array
     blocks: int
@@ -68,7 +68,7 @@ class Grid:
     @property
     def arguments(self) -> tuple:
         """The grid as kernel arguments, in the order of GRID_ARGUMENTS."""
-        return self.top_block, self.bricks, vector(self.lower), vector(1 / self.cell_size)
+        return self.top_block, self.leaves, vector(self.lower), vector(1 / self.cell_size)
 
     @property
     def defines(self) -> dict[str, int]:
@@ -78,7 +78,7 @@ class Grid:
     @property
     def bytes(self) -> int:
         """Bytes of all arrays."""
-        return sum(array.nbytes for array in (self.top_block, self.bricks, self.cell_start, self.references))
+        return sum(array.nbytes for array in (self.top_block, self.leaves, self.cell_start, self.references))
 
     def describe(self) -> dict:
         """The `grid` part of a record."""
@@ -243,7 +243,7 @@ def build_grid(scene: DeviceScene, spec: GridSpec, binning: str = "padded") -> G
         lower=builder.lower,
         cell_size=builder.cell_size,
         top_block=top_block,
-        bricks=bricks,
+        leaves=bricks,
         cell_start=cell_start,
         references=references,
         blocks=builder.blocks,
@@ -330,15 +330,16 @@ def rank_bricks(device: Device, occupancy: cl.array.Array) -> tuple[cl.array.Arr
 
 
 def fill_cells(
-    scene: DeviceScene, program: Program, entries: tuple, count: int, bricks: cl.array.Array, nonempty: int
+    scene: DeviceScene, program: Program, entries: tuple, count: int, leaves: cl.array.Array, nonempty: int
 ) -> tuple[cl.array.Array, cl.array.Array]:
     """Cell starts int32[nonempty+1] and references int32[count], ascending in each cell, by counting sort.
 
-    `entries`: brick * 32 + bit of each reference, uint32[count], overwritten, and its triangle, int32[count].
+    `entries`: leaf cell of each reference (of a brick, brick * 32 + bit), uint32[count], overwritten, and its
+    triangle, int32[count]. `leaves`: what tells a leaf cell's number.
     """
     queue, (cell, primitive) = scene.device.queue, entries
     cell_start = cl.array.zeros(queue, nonempty + 1, np.int32)
-    program.launch("count_cells", count, np.uint32(count), bricks, cell, cell_start)
+    program.launch("count_cells", count, np.uint32(count), leaves, cell, cell_start)
     exclusive_scan(scene.device)(cell_start)
     cursor, references = cell_start.copy(), cl.array.empty(queue, max(count, 1), np.int32)
     program.launch("fill_cells", count, np.uint32(count), cell, primitive, cursor, references)

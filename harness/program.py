@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ LOCAL_SIZE = 64  # PoCL compiles a kernel anew for every work-group size, so the
 INCLUDE = re.compile(r'^\s*#include\s+(?:"([^"]+)"|(INTERSECTOR))\s*$')
 
 _programs: dict[tuple, Program] = {}
+launch_listeners: list[Callable[[str, cl.Event], None]] = []  # told of every launch: kernel's name and its event
 
 
 class Program:
@@ -34,7 +36,10 @@ class Program:
             return None
         size = (count + local - 1) // local * local
         values = [np.int32(a) if isinstance(a, int) else getattr(a, "data", a) for a in arguments]
-        return self._kernels[name](self.queue, (size,), (local,), *values)
+        event = self._kernels[name](self.queue, (size,), (local,), *values)
+        for listener in launch_listeners:
+            listener(name, event)
+        return event
 
 
 def build(

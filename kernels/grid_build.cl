@@ -48,3 +48,15 @@ kernel void emit_references(TRIANGLE_ARGUMENTS, global const uint *reference_sta
         slot++;
     })
 }
+
+// Turns an entry's brick and bit into the number of its non-empty cell, and counts.
+kernel void count_cells(const uint entries, global const uint2 *bricks, global uint *entry_cell, global int *cell_count)
+{
+    const uint i = get_global_id(0);
+    if (i >= entries)
+        return;
+    const uint2 brick = bricks[entry_cell[i] / 32u];
+    const int cell = cell_number(brick.x, brick.y, entry_cell[i] % 32u);
+    entry_cell[i] = cell;
+    atomic_inc(cell_count + cell);
+}

@@ -50,23 +50,28 @@ kernel void emit_top(const int active_count, global const int *active, TRIANGLE_
     })
 }
 
-// Chebyshev distance to the next used top cell, one axis a launch: `length` cells `stride` apart. `from` holds the
-// distance along the axes done before, 0 where a cell is used.
-kernel void spread_distance(const int cells, const int length, const int stride, global const int *from,
-                            global int *to)
+// Cells from each top cell to the next used one, or to the grid's border, in the cube ahead along an octant, at most
+// LONGEST_EDGE: one axis a launch, `length` cells `stride` apart, looking `towards` +1 or -1. `from` holds the distance
+// along the axes done before, 0 where a cell is used.
+kernel void spread_distance(const int cells, const int length, const int stride, const int towards,
+                            global const int *from, global int *to)
 {
     const int i = get_global_id(0);
     if (i >= cells)
         return;
-    const int place = i / stride % length;
-    int nearest = from[i];
-    for (int step = 1; step < nearest && step < length; ++step) {
-        if (place >= step)
-            nearest = min(nearest, max(step, from[i - step * stride]));
-        if (place + step < length)
-            nearest = min(nearest, max(step, from[i + step * stride]));
-    }
+    const int place = i / stride % length, border = towards > 0 ? length - place : place + 1;
+    int nearest = min(from[i], min(border, LONGEST_EDGE));
+    for (int step = 1; step < nearest; ++step)
+        nearest = min(nearest, max(step, from[i + step * towards * stride]));
     to[i] = nearest;
+}
+
+// Writes an octant's code into the empty top cells.
+kernel void code_top_cells(const int cells, const int octant, global const int *distance, global int *top_cells)
+{
+    const int i = get_global_id(0);
+    if (i < cells && top_cells[i] < 0)
+        top_cells[i] |= edge_code(distance[i]) << 3 * octant;
 }
 
 #define LOAD_LEAF_OVERLAP                                                                                   \
@@ -90,20 +95,65 @@ kernel void count_leaves(const uint entries, global const int *entry_top, global
     reference_count[i] = count;
 }
 
-// One entry a reference: brick * 32 + bit, and the triangle; sets the occupancy bits.
+// One entry a reference: leaf cell and triangle; marks the leaf cells that hold any.
 kernel void emit_leaves(const uint entries, global const int *entry_top, global const int *entry_primitive,
                         TRIANGLE_ARGUMENTS, global const int *top_cells, global const uint *reference_start,
-                        global uint *occupancy, global uint *reference_cell, global int *reference_primitive)
+                        global int *leaves, global uint *reference_leaf, global int *reference_primitive)
 {
     LOAD_LEAF_OVERLAP
     uint slot = reference_start[i];
     FOR_EACH_OVERLAPPED_CELL(o, {
         const int3 inner = cell - first;
-        const uint brick = (top_cells[top] >> 3) + brick_in_block(level, inner.x, inner.y, inner.z);
-        const uint bit = bit_of(inner.x, inner.y, inner.z);
-        atomic_or(occupancy + brick, 1u << bit);
-        reference_cell[slot] = brick * 32u + bit;
+        const int leaf = (top_cells[top] >> 3) + (((inner.z << level) + inner.y) << level) + inner.x;
+        leaves[leaf] = 1;
+        reference_leaf[slot] = leaf;
         reference_primitive[slot] = primitive;
         slot++;
     })
+}
+
+// Turns an entry's leaf cell into its number among the non-empty ones, and counts.
+kernel void count_cells(const uint entries, global const int *leaves, global uint *entry_cell, global int *cell_count)
+{
+    const uint i = get_global_id(0);
+    if (i >= entries)
+        return;
+    const int cell = leaves[entry_cell[i]];
+    entry_cell[i] = cell;
+    atomic_inc(cell_count + cell);
+}
+
+// Edge of the largest empty cube that starts at a leaf cell and goes on in a direction of `step` (-1 or +1 each):
+// one more than the least of its seven neighbours there, which must be known.
+inline int cube_edge(global const uchar *edges, int3 place, int3 step, int across)
+{
+    const int3 next = place + step;
+    if (any(next < 0) || any(next >= across))
+        return 1;
+    const int x = step.x, y = step.y * across, z = step.z * across * across;
+    global const uchar *at = edges + (place.z * across + place.y) * across + place.x;
+    const int planar = min((int)at[x], min((int)at[y], (int)at[x + y]));
+    return 1 + min(planar, min(min((int)at[z], (int)at[z + x]), min((int)at[z + y], (int)at[z + x + y])));
+}
+
+// Writes the codes of all octants into the empty leaf cells of a top cell, a work-item each. `edges`: room for a byte
+// a leaf cell.
+kernel void code_leaves(const int cells, global const int *top_cells, global int *leaves, global uchar *edges)
+{
+    const int top = get_global_id(0);
+    if (top >= cells || top_cells[top] < 0)
+        return;
+    const int level = top_cells[top] & 7, first = top_cells[top] >> 3, across = 1 << level, count = 1 << 3 * level;
+    for (int octant = 0; octant < 8; ++octant) {
+        const int3 step = (int3)(octant & 1 ? 1 : -1, octant & 2 ? 1 : -1, octant & 4 ? 1 : -1);
+        for (int n = 0; n < count; ++n) {
+            // Cells farther along the octant come first.
+            const int3 place = (int3)(n & (across - 1), n >> level & (across - 1), n >> 2 * level);
+            const int3 here = select(place, across - 1 - place, step > 0);
+            const int i = first + (((here.z << level) + here.y) << level) + here.x;
+            edges[i] = leaves[i] < 0 ? cube_edge(edges + first, here, step, across) : 0;
+            if (leaves[i] < 0)
+                leaves[i] |= edge_code(edges[i]) << 3 * octant;
+        }
+    }
 }

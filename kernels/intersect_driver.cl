@@ -24,30 +24,36 @@ inline RayLanes gather_rays(global const Ray *rays, global const ulong *keys, gl
     return lanes;
 }
 
-#if defined(COPY_RAYS) && LANES > 1
-// Every second float of two vectors, from the first or from the second on: log2(8) times this turns pairs side by side
-// into fields side by side.
+#if LANES > 1
+// Every second float of two vectors, from the first or from the second on: log2(8) times this turns rows of eight side
+// by side into columns side by side.
 #define even_of(a, b) ((real)((a).even, (b).even))
 #define odd_of(a, b) ((real)((a).odd, (b).odd))
 
-inline RayLanes load_rays(global const Pair *chunk, real *best_t, lane_index *ray_of_lane)
+// Columns of LANES rows of eight floats, which lie one after another in f[0] to f[7].
+hot_path void columns_of_eight(const real *f, real *column)
 {
-    real f[8], g[8];
+    const real a0 = even_of(f[0], f[1]), a1 = even_of(f[2], f[3]), a2 = even_of(f[4], f[5]), a3 = even_of(f[6], f[7]);
+    const real b0 = odd_of(f[0], f[1]), b1 = odd_of(f[2], f[3]), b2 = odd_of(f[4], f[5]), b3 = odd_of(f[6], f[7]);
+    const real c0 = even_of(a0, a1), c1 = even_of(a2, a3), d0 = odd_of(a0, a1), d1 = odd_of(a2, a3);
+    const real e0 = even_of(b0, b1), e1 = even_of(b2, b3), g0 = odd_of(b0, b1), g1 = odd_of(b2, b3);
+    column[0] = even_of(c0, c1), column[4] = odd_of(c0, c1);
+    column[2] = even_of(d0, d1), column[6] = odd_of(d0, d1);
+    column[1] = even_of(e0, e1), column[5] = odd_of(e0, e1);
+    column[3] = even_of(g0, g1), column[7] = odd_of(g0, g1);
+}
+#endif
+
+#if defined(COPY_RAYS) && LANES > 1
+hot_path RayLanes load_rays(global const Pair *chunk, real *best_t, lane_index *ray_of_lane)
+{
+    real f[8], column[8];
     for (int i = 0; i < 8; ++i)
         f[i] = JOIN(vload, LANES)(i, (global const float *)chunk);
-    for (int i = 0; i < 4; ++i)
-        g[i] = even_of(f[2 * i], f[2 * i + 1]), g[4 + i] = odd_of(f[2 * i], f[2 * i + 1]);
-    for (int i = 0; i < 8; i += 4)
-        for (int j = 0; j < 2; ++j) {
-            f[i + j] = even_of(g[i + 2 * j], g[i + 2 * j + 1]);
-            f[i + 2 + j] = odd_of(g[i + 2 * j], g[i + 2 * j + 1]);
-        }
-    RayLanes lanes;
-    lanes.ox = even_of(f[0], f[1]), lanes.dy = odd_of(f[0], f[1]);
-    lanes.oz = even_of(f[2], f[3]), *best_t = odd_of(f[2], f[3]);
-    lanes.oy = even_of(f[4], f[5]), lanes.dz = odd_of(f[4], f[5]);
-    lanes.dx = even_of(f[6], f[7]);
-    *ray_of_lane = JOIN(as_int, LANES)(odd_of(f[6], f[7]));
+    columns_of_eight(f, column);
+    const RayLanes lanes = {column[0], column[1], column[2], column[3], column[4], column[5]};
+    *best_t = column[6];
+    *ray_of_lane = JOIN(as_int, LANES)(column[7]);
     return lanes;
 }
 #elif defined(COPY_RAYS)
@@ -86,22 +92,32 @@ inline void keep_hits(global ulong *keys, lane_index ray_of_lane, real best_t, l
             atom_min(keys + ray[lane], hit_key(t[lane], (uint)primitive[lane]));
 }
 
-#if defined(INSIDE_FIRST) && LANES > 1
 #define AHEAD 6  // triangles between the one tested and the one asked for: they lie anywhere in memory
+
+#if defined(INSIDE_FIRST) && LANES > 1
+#define as_it_is(value) (value)
 
 // Takes the whole test of one triangle a lane, where one waits.
 cold_path void settle(const Frame *frame, global const float *triangles, lane_index waiting, real *best_t,
                       lane_index *best)
 {
-    float values[STORED_FLOATS][LANES];
+    // Rows of eight floats are loaded whole and transposed: gathered one by one they take longer than the test.
+    float rows[LANES * 8], rest[STORED_FLOATS][LANES];
     int primitive[LANES];
     store_lanes(waiting, primitive);
     for (int lane = 0; lane < LANES; ++lane) {
         global const float *p = triangles + (size_t)max(primitive[lane], 0) * STORED_FLOATS;
-        for (int c = 0; c < STORED_FLOATS; ++c)
-            values[c][lane] = p[c];
+        vstore8(vload8(0, p), lane, rows);
+        for (int c = 8; c < STORED_FLOATS; ++c)
+            rest[c][lane] = p[c];
     }
-    const Stored triangle = STORED_OF(load_lanes, values);
+    real f[8], values[STORED_FLOATS];
+    for (int i = 0; i < 8; ++i)
+        f[i] = JOIN(vload, LANES)(i, rows);
+    columns_of_eight(f, values);
+    for (int c = 8; c < STORED_FLOATS; ++c)
+        values[c] = load_lanes(rest[c]);
+    const Stored triangle = STORED_OF(as_it_is, values);
     real t = 0.0f, u, v;
     const mask hit = intersector_test(frame, &triangle, &t, &u, &v) & (waiting >= 0) & accepted(t, *best_t);
     *best_t = pick(*best_t, t, hit);
@@ -140,6 +156,9 @@ inline void test_triangles(const Frame *frame, global const float *triangles, gl
 {
     for (int k = begin; k < end; ++k) {
         const int primitive = references[k];
+#ifdef fetch_line
+        fetch_line(triangles + (size_t)references[min(k + AHEAD, end - 1)] * STORED_FLOATS);
+#endif
         const Stored triangle = load_stored(triangles, primitive);
         real t = 0.0f, u, v;
         mask hit = intersector_test(frame, &triangle, &t, &u, &v);

@@ -21,11 +21,11 @@ kernel void walk_boxes(const int count, global const float *origins, global cons
     int step = 0;
     for (; step < slots && walk_inside(&w, grid_resolution(grid)); ++step) {
         global int *box = boxes + ((size_t)i * slots + step) * 5;
-        const int3 here = (int3)(w.x.cell, w.y.cell, w.z.cell), top = here >> grid.shape.w;
-        const int entry = grid.top_cells[(top.z * grid.shape.y + top.y) * grid.shape.x + top.x];
-        const int shift = entry < 0 ? grid.shape.w : grid.shape.w - (entry & 7), before = entry < 0 ? -entry - 1 : 0;
-        const int3 low = ((here >> shift) - before) << shift;
-        box[0] = low.x, box[1] = low.y, box[2] = low.z, box[3] = (2 * before + 1) << shift;
+        const Cube c = cube_ahead(&w, grid, 1);
+        box[0] = (c.x - (w.x.ahead ? 0 : c.edge - 1)) << c.shift;
+        box[1] = (c.y - (w.y.ahead ? 0 : c.edge - 1)) << c.shift;
+        box[2] = (c.z - (w.z.ahead ? 0 : c.edge - 1)) << c.shift;
+        box[3] = c.edge << c.shift;
         box[4] = walk_step(&w, grid, 1);
     }
     found[i] = step;

@@ -11,7 +11,7 @@ from test_grid import sampled_cells
 from test_tracers import GRID_TRACERS, hits_of
 
 from harness import tracers
-from harness.adaptive import UNUSED, bricks_of, levels_of, top_shape
+from harness.adaptive import levels_of, top_shape
 from harness.data import GridSpec, Rays, Scene, differing
 from harness.errors import DefrayError
 from harness.grid import build_grid, upload_scene
@@ -87,31 +87,53 @@ def setting_of(device, triangles, spec=SPECS[0]) -> Setting:
     return dataclasses.replace(setting, grid=build_grid(setting.device_scene, spec))
 
 
-def leaf_boxes(grid) -> dict[int, tuple[int, int, int, int]]:
-    """The grid read back: low corner and size, in positions of the finest level, of every non-empty cell."""
-    x, y, _, finest = grid.shape
-    bricks, found = grid.bricks.get().reshape(-1, 2), {}
+def leaf_cells(grid):
+    """Every leaf cell of the grid, read back: its top cell's entry, place in its level, entry and level."""
+    x, y = grid.shape[:2]
+    leaves = grid.leaves.get().tolist()
     for top, entry in enumerate(grid.top_block.get().tolist()):
         if entry < 0:
             continue
         level, first = entry & 7, entry >> 3
-        base, shift = np.array([top % x, top // x % y, top // x // y]) << level, finest - level
-        across = 1 << max(level - 2, 0)
-        for brick in range(int(bricks_of(np.array(level)))):
-            bits, before = (int(v) for v in bricks[first + brick])
-            corner = np.array([brick % across * 4, brick // across % across * 4, brick // across**2 * 2])
-            for bit in (b for b in range(32) if bits >> b & 1):
-                place = (base + corner + [bit & 3, bit >> 2 & 3, bit >> 4]) << shift
-                found[before + (bits & ((1 << bit) - 1)).bit_count()] = (*place.tolist(), 1 << shift)
+        base = np.array([top % x, top // x % y, top // x // y]) << level
+        for i in range(8**level):
+            inner = np.array([i, i >> level, i >> 2 * level]) & ((1 << level) - 1)
+            yield base + inner, leaves[first + i], level
+
+
+def leaf_boxes(grid) -> dict[int, tuple[int, int, int, int]]:
+    """Low corner and size, in positions of the finest level, of every non-empty cell."""
+    found = {}
+    for place, entry, level in leaf_cells(grid):
+        if entry >= 0:
+            shift = grid.shape[3] - level
+            found[entry] = (*(place << shift).tolist(), 1 << shift)
     return found
 
 
-def empty_boxes(grid) -> np.ndarray:
-    """Low corner of every empty top cell, in top cells, and its distance; int[n,4]."""
-    x, y = grid.shape[:2]
-    entries = grid.top_block.get()
-    top = np.flatnonzero(entries < 0)
-    return np.stack([top % x, top // x % y, top // x // y, -entries[top]], axis=1)
+def edges_of(entry: int) -> list[int]:
+    """Edge of the empty cube that an empty cell's entry states, for each octant."""
+    return [EDGES[(entry + 2**32) >> 3 * octant & 7] for octant in range(8)]
+
+
+EDGES = [1, 2, 3, 4, 5, 7, 9, 11]
+
+
+def largest_cube(empty: np.ndarray, place, octant: int) -> int:
+    """Edge of the largest cube of True cells of bool[x,y,z] that starts at a place and goes on along an octant."""
+    for edge in range(2, 12):
+        low = [p if octant >> axis & 1 else p - edge + 1 for axis, p in enumerate(place)]
+        high = [a + edge for a in low]
+        if min(low) < 0 or any(h > n for h, n in zip(high, empty.shape, strict=True)):
+            return edge - 1
+        if not empty[tuple(slice(a, b) for a, b in zip(low, high, strict=True))].all():
+            return edge - 1
+    return 11
+
+
+def stated(edge: int) -> int:
+    """The longest edge with a code that is not above `edge`."""
+    return max(e for e in EDGES if e <= edge)
 
 
 # ---------------------------------------------------------------- what the grid holds
@@ -144,20 +166,39 @@ def test_dense_top_cells_are_fine_and_sparse_ones_coarse(device):
 
 
 @pytest.mark.parametrize("name", ["clumps", "sphere"])
-def test_the_box_around_an_empty_top_cell_is_empty_and_the_largest(device, name):
+def test_the_cube_ahead_of_an_empty_top_cell_is_empty_and_the_largest(device, name):
     grid = build_grid(upload_scene(device, MESHES[name][0]), GridSpec(9, 4, "adaptive"))
     x, y, z, _ = grid.shape
-    used = np.argwhere((grid.top_block.get() >= 0).reshape(z, y, x))[:, ::-1]
-    boxes = empty_boxes(grid)
-    expected = np.abs(used[None] - boxes[:, None, :3]).max(axis=2).min(axis=1)
-    assert len(boxes) > 30 and expected.max() > 1
-    assert (boxes[:, 3] == expected).all() and boxes[:, 3].max() < UNUSED
+    entries = grid.top_block.get().reshape(z, y, x).transpose(2, 1, 0)
+    empty, seen = entries < 0, []
+    for place in np.argwhere(empty):
+        edges = edges_of(int(entries[tuple(place)]))
+        assert edges == [stated(largest_cube(empty, place, octant)) for octant in range(8)]
+        seen += edges
+    assert len(seen) > 240 and max(seen) > 3
+
+
+@pytest.mark.parametrize("name", ["clumps", "sphere"])
+def test_the_cube_ahead_of_an_empty_leaf_cell_is_empty_and_the_largest_in_its_top_cell(device, name):
+    grid = build_grid(upload_scene(device, MESHES[name][0]), GridSpec(2, 16, "adaptive", 20.0))
+    blocks = {}
+    for place, entry, level in leaf_cells(grid):
+        top = (*(place >> level).tolist(), level)
+        block = blocks.setdefault(top, np.zeros((1 << level,) * 3, np.int64))
+        block[tuple(place & ((1 << level) - 1))] = entry
+    seen = []
+    for block in blocks.values():
+        for place in np.argwhere(block < 0)[::7]:
+            edges = edges_of(int(block[tuple(place)]))
+            assert edges == [stated(largest_cube(block < 0, place, octant)) for octant in range(8)]
+            seen += edges
+    assert len(seen) > 1000 and max(seen) > 4
 
 
 def test_the_same_scene_gives_the_same_bytes(device):
     scene = upload_scene(device, clumps(2000))
     first, second = (build_grid(scene, SPECS[1]) for _ in range(2))
-    for name in ("top_block", "bricks", "cell_start", "references"):
+    for name in ("top_block", "leaves", "cell_start", "references"):
         assert getattr(first, name).get().tobytes() == getattr(second, name).get().tobytes()
 
 
@@ -171,7 +212,6 @@ def test_top_cells_are_nearly_cubic_and_follow_the_triangles():
 def test_levels_follow_the_cube_root_of_the_triangles():
     assert levels_of(np.array([0, 1, 8, 64, 512, 10**9]), 1.0, 4).tolist() == [0, 0, 1, 2, 3, 4]
     assert levels_of(np.array([512]), 1 / 8, 4).tolist() == [2]
-    assert bricks_of(np.arange(5)).tolist() == [1, 1, 2, 16, 128]
 
 
 # ---------------------------------------------------------------- the walk

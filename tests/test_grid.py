@@ -17,7 +17,7 @@ SPECS = [GridSpec(1, 1), GridSpec(2, 6), GridSpec(4, 20), GridSpec(8, 32), GridS
 def cells_of(grid) -> dict[tuple[int, int, int], set[int]]:
     """The grid read back: triangles of every non-empty leaf cell by its position."""
     spec, size = grid.spec, grid.spec.leaf_per_top
-    top_block, bricks = grid.top_block.get(), grid.bricks.get().reshape(-1, 2)
+    top_block, bricks = grid.top_block.get(), grid.leaves.get().reshape(-1, 2)
     start, references = grid.cell_start.get(), grid.references.get()
     across, deep = -(-size // BRICK[0]), -(-size // BRICK[2])
     found = {}
@@ -77,7 +77,7 @@ def test_a_small_triangle_is_referenced_only_near_itself(device):
 def test_the_same_scene_gives_the_same_bytes(device):
     scene = upload_scene(device, soup(2000))
     first, second = (build_grid(scene, GridSpec(4, 32)) for _ in range(2))
-    for name in ("top_block", "bricks", "cell_start", "references"):
+    for name in ("top_block", "leaves", "cell_start", "references"):
         assert getattr(first, name).get().tobytes() == getattr(second, name).get().tobytes()
 
 

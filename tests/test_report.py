@@ -95,6 +95,7 @@ def scene_records(scene: str) -> list[dict]:
                              options={"lanes": "8"}),
                   one_record(scene, "forward", name, {"total": optimal * slower * 1.1})]
     found += [deferred(scene, options={"arrange": "sort"}, walk=3.0),
+              deferred(scene, options={"arrange": "record"}, walk=0.7),
               deferred(scene, options={"arrange": "record", "wave": "8"}, walk=0.7),
               deferred(scene, grid=(8, 128, "per-cell"), walk=5.0, work=0.5)]
     found += [one_record(scene, "embree", None, {"total": EMBREE[scene] * slower}, options={"robust": robust},

@@ -65,7 +65,7 @@ def test_lanes_change_no_bit(device, tracer, lanes, intersector):
     assert hits_of(setting, rays, tracer, intersector, lanes=str(lanes)).tobytes() == expected.tobytes()
 
 
-@pytest.mark.parametrize("arrange", ["two-pass", "record"])
+@pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
 @pytest.mark.parametrize("wave", ["1", "4", "40", "all"])
 @pytest.mark.parametrize("compaction", ["true", "false"])
 @pytest.mark.parametrize("batch", ["100000", "777"])
@@ -135,12 +135,12 @@ def test_counters_are_exact_and_repeat(device):
     triangles, rays = SCENES["soup"]
     setting = setting_of(device, triangles)
     counts = {}
-    for options in ({"arrange": "two-pass"}, {"arrange": "record"}, {"batch": "1000"}):
+    for options in ({"arrange": "two-pass"}, {"arrange": "record"}, {"arrange": "sort"}, {"batch": "1000"}):
         made = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"lanes": "8", **options})
         counts[str(options)] = made.count(rays)
         assert made.count(rays) == counts[str(options)]
-    two_pass, record, batched = counts.values()
-    assert two_pass == record
+    two_pass, record, sort, batched = counts.values()
+    assert two_pass == record == sort
     assert (two_pass.steps, two_pass.pairs, two_pass.tests) == (batched.steps, batched.pairs, batched.tests)
     assert sum(two_pass.finished_per_wave) == len(rays)
     assert two_pass.lane_tests >= two_pass.tests >= two_pass.pairs > 0
@@ -190,7 +190,7 @@ def test_a_distance_that_overflows_is_a_miss_for_every_tracer(device):
             assert differing(hits_of(setting, rays, tracer, name), expected) == 0
 
 
-@pytest.mark.parametrize("arrange", ["two-pass", "record"])
+@pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
 def test_a_batch_whose_pairs_do_not_fit_is_halved(device, arrange):
     triangles, rays = SCENES["soup"]
     small = dataclasses.replace(device, max_allocation_bytes=150 << 10)

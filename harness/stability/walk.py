@@ -49,7 +49,7 @@ def solid_grid(device: Device, spec: GridSpec, lower, cell_size, empty: np.ndarr
         lower=np.array(lower, np.float32),
         cell_size=np.array(cell_size, np.float32),
         top_block=cl.array.to_device(device.queue, np.where(empty, -1, 0).astype(np.int32)),
-        bricks=cl.array.to_device(device.queue, bricks.ravel()),
+        leaves=cl.array.to_device(device.queue, bricks.ravel()),
         cell_start=cl.array.zeros(device.queue, 1, np.int32),
         references=cl.array.zeros(device.queue, 1, np.int32),
         blocks=1,

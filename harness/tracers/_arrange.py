@@ -1,0 +1,114 @@
+"""Arranging the pairs of one wave by cell: walk twice, or walk once and remember."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harness.intersectors import LANES
+from harness.program import Program
+from harness.runtime import cl
+from harness.tracers._base import Batch, BatchTooLarge
+from harness.tracers._bins import Bins
+from harness.tracers._compaction import compact
+
+if TYPE_CHECKING:
+    from harness.tracers.deferred import Deferred
+
+RECORDED_TOGETHER = 8  # rays a lane that a work-item of kernels/traverse.cl records
+SEGMENT = 32  # cells a ray that one recording pass remembers at most
+
+
+class TwoPass:
+    """The paper's arrangement: the first walk counts, the second packs."""
+
+    def __init__(
+        self, tracer: Deferred, batch: Batch, walk: Program, bins: Bins, active, active_count: int, length: int
+    ):
+        self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
+        self.groups = -(-active_count // tracer.lanes)
+        rays = (active_count, active, batch.rays, batch.keys)
+        self.arguments = (*rays, *tracer.grid.arguments, length, batch.positions, batch.t_exit)
+
+    def walk(self) -> None:
+        """Count ray visits to each cell."""
+        counting = self.tracer.counting
+        self.program.launch("count_pairs", self.groups, *self.arguments, self.bins.cell_count, *counting)
+
+    def count(self) -> None:
+        """Nothing: the first walk has counted."""
+
+    def scatter(self) -> None:
+        """Nothing: the second walk stores the pairs."""
+
+    def walk_again(self) -> None:
+        """Store each ray in the bins of its cells."""
+        self.program.launch("pack_pairs", self.groups, *self.arguments, self.bins.cursor, self.bins.pairs)
+
+
+class Segment:
+    """What one recording pass remembers: `cells`, `ranks` int32[count, slots], `lengths` int32[count]."""
+
+    def __init__(self, tracer: Deferred, number: int, active, count: int, length: int):
+        self.active, self.count, self.slots = active, count, length + 1
+        # The last group of lanes may be partly empty and still writes its first slots.
+        places = (count + max(LANES)) * self.slots
+        if places >= 2**31:
+            raise BatchTooLarge(f"{8 * places / 2**20:.1f} MiB for its recorded cells")
+        self.cells, self.ranks = (tracer.room(f"recorded {what} {number}", places) for what in ("cells", "ranks"))
+        self.lengths = tracer.room(f"recorded lengths {number}", count)
+        self.bytes = 8 * places + 4 * count
+
+
+class Record:
+    """Walks once: remembers cells and ranks in segments, then scatters them into the bins."""
+
+    def __init__(
+        self, tracer: Deferred, batch: Batch, walk: Program, bins: Bins, active, active_count: int, length: int
+    ):
+        self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
+        self.active, self.active_count, self.length = active, active_count, length
+        self.segments: list[Segment] = []
+
+    def walk(self) -> None:
+        """Record up to `wave` cells a ray; a wave longer than a segment takes several passes."""
+        active, count, left = self.active, self.active_count, self.length
+        queue = self.tracer.device.queue
+        while count and left > 0:
+            length = min(left, SEGMENT)
+            segment = Segment(self.tracer, len(self.segments), active, count, length)
+            self._record(segment, length)
+            self.segments.append(segment)
+            if sum(s.bytes for s in self.segments) > self.tracer.device.memory_bytes / 2:
+                raise BatchTooLarge("half of the device's memory for its recorded cells")
+            left -= length
+            if left > 0:
+                following = cl.array.empty(queue, count, np.int32)
+                count = compact(self.tracer.device, active, following, self.batch, count)
+                active = following
+
+    def _record(self, segment: Segment, length: int) -> None:
+        batch, tracer, count = self.batch, self.tracer, segment.count
+        self.program.launch(
+            "record_pairs",
+            -(-count // (RECORDED_TOGETHER * tracer.lanes)) if tracer.lanes > 1 else count,
+            *(count, segment.active, batch.rays, batch.keys, *tracer.grid.arguments, length),
+            *(batch.positions, batch.t_exit, segment.cells, segment.lengths, *tracer.counting),
+        )
+
+    def count(self) -> None:
+        """Count the recorded encounters of each cell and rank them within it."""
+        for s in self.segments:
+            arguments = (s.count, s.slots, s.cells, s.lengths, self.bins.cell_count, s.ranks)
+            self.bins.bin_program.launch("rank_pairs", s.count, *arguments)
+
+    def scatter(self) -> None:
+        """Store the recorded encounters at their bins' offsets."""
+        for s in self.segments:
+            arguments = (s.count, s.active, s.slots, s.cells, s.lengths, s.ranks)
+            bins, rays = self.bins, (self.batch.rays, self.batch.keys)
+            bins.bin_program.launch("scatter_pairs", s.count, *arguments, bins.chunk_start, *rays, bins.pairs)
+
+    def walk_again(self) -> None:
+        """Nothing: every ray has been walked."""

@@ -1,0 +1,81 @@
+"""The bins of the deferred tracer: pairs of one cell side by side, in whole chunks."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harness.device import Device
+from harness.runtime import cl
+from harness.tracers._base import Batch, BatchTooLarge
+
+if TYPE_CHECKING:
+    from harness.tracers.deferred import Deferred
+
+
+class Bins:
+    """The bins of one wave: one a non-empty cell, each a whole number of chunks of `lanes` pairs."""
+
+    def __init__(self, tracer: Deferred):
+        self.tracer, self.device, self.lanes = tracer, tracer.device, tracer.lanes
+        self.cells = tracer.grid.nonempty
+        names = ("counts", "first chunks", "cursors")
+        self.cell_count, self.chunk_start, self.cursor = (tracer.room(name, self.cells + 1) for name in names)
+        self.chunks = 0
+        defines = tracer.options.defines
+        self.bin_program = tracer.program("bin.cl", lanes=self.lanes, defines=defines)
+        self.intersect_program = tracer.program("intersect_driver.cl", lanes=self.lanes, defines=defines)
+
+    def clear(self) -> None:
+        """Empty bins."""
+        self.cell_count.fill(0)
+
+    def lay_out(self) -> None:
+        """Prefix sum of the counts in chunks, and room for the pairs."""
+        chunk_scan(self.device, self.lanes)(self.cell_count, self.chunk_start)
+        self.chunks = int(self.chunk_start[-1].get())
+        self._make_room()
+        self.bin_program.launch(
+            "lay_out_bins",
+            self.cells,
+            *(self.cells, self.cell_count, self.chunk_start, self.chunk_cell, self.pairs, self.cursor),
+        )
+
+    def _make_room(self) -> None:
+        slots = self.chunks * self.lanes
+        if slots >= 2**31 or self.chunks < 0:
+            raise BatchTooLarge(f"{4 * slots / 2**20:.1f} MiB for its pairs")
+        self.pairs = self.tracer.room("pairs", slots * self.tracer.options.pair_words)
+        self.chunk_cell = self.tracer.room("chunks", self.chunks)
+
+    def pair_count(self) -> int:
+        """Pairs stored in this wave."""
+        return int(cl.array.sum(self.cell_count, dtype=np.int64).get())
+
+    def intersect(self, batch: Batch) -> None:
+        """Chunk after chunk, in the order of the bins."""
+        grid = self.tracer.grid
+        self.intersect_program.launch(
+            "intersect_bins",
+            self.chunks,
+            *(self.chunks, self.chunk_cell, self.pairs, grid.cell_start, grid.references),
+            *(self.tracer.triangles, batch.rays, batch.keys, *self.tracer.counting),
+        )
+
+
+@functools.cache
+def chunk_scan(device: Device, lanes: int):
+    """Exclusive prefix sum of ceil(count / lanes): the first chunk of each bin."""
+    from pyopencl.scan import GenericScanKernel
+
+    return GenericScanKernel(
+        device.context,
+        np.int32,
+        arguments="__global int *cell_count, __global int *chunk_start",
+        input_expr=f"(i < N - 1 ? (cell_count[i] + {lanes - 1}) / {lanes} : 0)",
+        scan_expr="a+b",
+        neutral="0",
+        output_statement="chunk_start[i] = prev_item;",
+    )
