@@ -54,8 +54,9 @@ def verdict(rules, records, **fields):
     claim = Claim.model_validate({"id": "made-up", "title": "Made up", "words": "made up", "place": "nowhere",
                                   "kind": "ratio", "reading": "as it stands", "tier": "paper", "minutes": 1,
                                   "rule": rules})
-    runs = Runs(records or [record("brute:ray-space", "sponza", 1.0)], FILE.parent, "a device", read_published(),
-                **fields)
+    folder = fields.pop("folder", FILE.parent)
+    records = records or [record("brute:ray-space", "sponza", 1.0)]
+    runs = Runs(records, folder, "a device", read_published(), **fields)
     return judge(claim, Evidence(runs, SCENES))
 
 
@@ -284,6 +285,40 @@ def test_an_operation_more_in_the_source_is_noticed():
         operations(source.replace("x1 * y2 - x2 * y1", "fma(x1, y2, -x2 * y1)"))
 
 
+def coherence_rows(folder, steps: dict[str, int]) -> None:
+    """A coherence.jsonl in which lanes that walk take so many trips for 3200 steps in each model."""
+    machine = {"cpu": "a CPU", "cores": 1, "os": "an OS", "device": "a device", "platform": None, "driver": None,
+               "versions": {}}
+    zeros = dict.fromkeys(("uneven_step_trips", "uneven_test_trips", "line_trips", "line_tests", "lines_64",
+                           "lines_128"), 0)
+    for scene in SCENES[:4]:
+        counts = [{"model": model, "lanes": 32, "steps": 3200, "step_trips": trips, "tests": 32, "test_trips": 1,
+                   **zeros} for model, trips in steps.items()]
+        grid = dict.fromkeys(("cells", "nonempty", "references", "bytes"), 9)
+        row = {"schema": 1, "id": f"coherence {scene}", "time_utc": "", "command": "", "commit": "", "dirty": False,
+               "machine": machine, "scene": {"name": scene, "source": "real", "triangles": 9, "sha256": ""},
+               "intersector": "ray-space", "wave": 4, "rays": {"kind": "diffuse", "count": 9, "seed": 1},
+               "grid": grid | {"top": 8, "leaf": 128, "reading": "total", "build_seconds": 1.0}, "counts": counts}
+        with open(folder / "coherence.jsonl", "a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+@pytest.mark.parametrize(("trips", "expected"), [((100, 200), "inconclusive"), ((200, 200), "contradicted"),
+                                                 (None, "not attempted")])
+def test_coherence_is_judged_by_exact_counts(tmp_path, trips, expected):
+    rule = {"type": "coherence", "value": "walk_efficiency", "of": "deferred", "to": "forward", "lanes": 32,
+            "full": {"above": 1, "on": "all"}, "shape": {"above": 1, "on": "all"}}
+    if trips:
+        coherence_rows(tmp_path, dict(zip(("deferred", "forward"), trips, strict=True)))
+    judged = verdict(rule, [], folder=tmp_path)
+    assert judged.verdict == expected, "the fifth scene has no rows"
+    weaker = rule | {"full": {"above": 1.5, "on": "most"}, "shape": {"above": 1, "on": "most"}}
+    most = {"inconclusive": "reproduced", "contradicted": "contradicted", "not attempted": "not attempted"}[expected]
+    again = verdict(weaker, [], folder=tmp_path)
+    assert again.verdict == most
+    assert (again.measured == "2 to 2") == (expected == "inconclusive")
+
+
 def test_absolute_rates_are_shown_and_never_judged():
     rule = {"type": "context", "of": {"variant": OURS, "seconds": "traverse", "per": "rays"}, "unit": "Mrays/s",
             "inverse": True, "scale": 1e-6, "paper": {"sponza": 70}}
@@ -373,3 +408,20 @@ def test_verdicts_are_written_and_shown(tmp_path):
     page = claims_html(judged)
     assert page.count("<tr ") == len(judged) and "by up to 20X, in apples to apples" in page
     assert claims_table(judged, runs.device).row_count == len(judged)
+
+
+def test_the_command_prints_a_table_or_json(tmp_path):
+    from test_report import deferred, make_folder
+    from typer.testing import CliRunner
+
+    from harness.cli import app
+
+    make_folder(tmp_path, [deferred("sponza")])
+    table = CliRunner().invoke(app, ["claims", str(tmp_path)])
+    assert table.exit_code == 0 and "The paper's claims on pthread-test" in table.stdout
+    assert "not attempted" in table.stdout and "48 operations" in table.stdout
+    shown = CliRunner().invoke(app, ["claims", str(tmp_path), "--json"])
+    document = json.loads(shown.stdout)
+    assert {one["id"] for one in document["claims"]} == {claim.id for claim in read_claims()[1]}
+    empty = CliRunner().invoke(app, ["claims", str(tmp_path / "nothing")])
+    assert empty.exit_code != 0

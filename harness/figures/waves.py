@@ -9,7 +9,7 @@ from harness.figures import style
 from harness.figures.runs import SAME_WORK, Runs, stage_nanoseconds
 from harness.tracers.deferred import DeferredOptions
 
-ORDER = 72
+ORDER = 73
 SECTION = "Time by stage"
 TITLE = "Waves and compaction"
 NEEDS = "diffuse runs of the deferred tracer that differ in `wave` or `compaction` alone"
