@@ -112,7 +112,7 @@ def test_few_repetitions_tell_nothing_of_noise():
 
 def test_no_records_is_not_attempted_with_the_reason():
     judged = verdict(TWICE, [])
-    assert (judged.verdict, judged.reason) == ("not attempted", f"no run of {BASE}; no run of {OURS}")
+    assert (judged.verdict, judged.reason) == ("not attempted", f"no run of {BASE} and {OURS}")
     some_scenes = verdict(TWICE, speedups((3, 3)))
     assert some_scenes.reason.startswith("2 of 5 scenes, 3 needed: no run of")
     assert "hairball, crown, san-miguel" in some_scenes.reason

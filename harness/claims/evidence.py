@@ -20,7 +20,7 @@ COUNTS = ("steps", "pairs", "tests", "lane_tests", "waves", "padding")
 WORK = WORKLOAD[1:]  # of one scene: view, rays, seed
 
 
-class Operand(Strict):
+class Operand(Strict, frozen=True):
     """A time or a count of one variant on one grid.
 
     `seconds`: a stage, or several joined by +; `count`: a counter; `per`: a counter, or `rays`, to divide by. `grid`:
@@ -166,14 +166,16 @@ def rungs(runs: Runs, scene: str, of: Operand, to: Operand) -> list[Pair]:
 def lacking(runs: Runs, scenes: Sequence[str], found: Sequence[str], operands: Sequence[Operand], least: int) -> str:
     """Why a rule has too few scenes: `found` of `scenes`, `least` needed; which variants have no run where."""
     absent = [name for name in scenes if name not in found]
-    parts = []
-    for operand in operands:
-        without = [name for name in absent if operand.matches(scene_rows(runs, name)).empty]
-        failed = [name for name in without if _failed(runs, name, operand)]
-        never = [name for name in without if name not in failed]
-        parts += [f"{operand.words()} failed its check{_where(failed, scenes)}"] if failed else []
-        parts += [f"no run of {operand.words()}{_where(never, scenes)}"] if never else []
-    reason = "; ".join(dict.fromkeys(parts)) or "its runs trace no rays in common"
+    without: dict[tuple[str, str], list[str]] = {}  # variants by what is wrong and where
+    for operand in dict.fromkeys(operands):
+        lost = [name for name in absent if operand.matches(scene_rows(runs, name)).empty]
+        failed = [name for name in lost if _failed(runs, name, operand)]
+        for what, names in (("failed its check", failed), ("no run", [name for name in lost if name not in failed])):
+            if names:
+                without.setdefault((what, _where(names, scenes)), []).append(operand.words())
+    parts = [f"no run of {' and '.join(dict.fromkeys(names))}{where}" if what == "no run" else
+             f"{' and '.join(dict.fromkeys(names))} {what}{where}" for (what, where), names in without.items()]
+    reason = "; ".join(parts) or "its runs trace no rays in common"
     return reason if not found else f"{len(found)} of {len(scenes)} scenes, {least} needed: {reason}"
 
 
