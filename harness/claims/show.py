@@ -75,12 +75,12 @@ def _row(one: Judged) -> Markup:
         '<tr class="verdict-{kind}" id="claim-{id}"><td><span class="verdict">{mark}&nbsp;{verdict}</span></td>'
         '<td class="long">{title}<details><summary>the paper’s words, and the rule</summary>'
         "<blockquote>{words}<br><cite>{place}</cite></blockquote><p>{reading}</p><p>{needed}</p></details></td>"
-        '<td class="long">{measured}<details><summary>numbers</summary><ul>{findings}</ul>'
+        '<td class="long">{measured}<br><span class="needed">needed: {short}</span><details><summary>numbers</summary><ul>{findings}</ul>'
         "<p>Records: <code>{records}</code></p><p><code>{command}</code>, about {minutes:g} minutes</p></details>"
         "</td>"
         "</tr>"
     ).format(kind=kind, id=claim.id, mark=MARKS[one.verdict], verdict=one.verdict, title=claim.title,
-             words=claim.words, place=claim.place, reading=claim.reading, needed=" ".join(needed),
+             short=one.needed, words=claim.words, place=claim.place, reading=claim.reading, needed=" ".join(needed),
              measured=measured_text(one), findings=findings, records=" ".join(one.records) or "none",
              command=claim.command, minutes=claim.minutes)
 
@@ -109,5 +109,12 @@ _STYLE = """<style>
 .claims blockquote { margin: .3rem 0 .3rem .2rem; padding-left: .7rem; border-left: 3px solid var(--rule); }
 .claims details p, .claims details ul { margin: .3rem 0; overflow-wrap: anywhere; white-space: normal; }
 .claims details ul { padding-left: 1.1rem; }
+.claims details { font-size: inherit; }
+.claims .needed { color: var(--muted); }
+@media (max-width: 40rem) {
+  .claims thead { display: none; }
+  .claims tr, .claims td, .claims td.long { display: block; min-width: 0; border: 0; white-space: normal; }
+  .claims tr { border-bottom: 1px solid var(--rule); padding: .3rem 0; }
+}
 </style>
 """

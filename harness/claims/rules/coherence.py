@@ -47,8 +47,8 @@ class Rule(Strict):
                                     row["scene"]["source"] == "stand-in", self.full.holds(found, found)))
             answers.append(found)
         if len(answers) < self.least:
-            counted = f"{len(answers)} of {len(evidence.scenes)} scenes, {self.least} needed"
-            return missing(f"{counted}: no rows of 'defray coherence' on the others", words, self.full.words())
+            counted = f"{len(answers)} of {len(evidence.scenes)} scenes, {self.least} needed: " if answers else ""
+            return missing(f"{counted}no rows of 'defray coherence'", words, self.full.words())
         ends = [(found.low, found.high) for found in findings]
         full, shape = (bound.over(bound.holds(*pair) for pair in ends) for bound in (self.full, self.shape))
         return Outcome(full, shape, words, findings, f"{min(answers):.3g} to {max(answers):.3g}",
