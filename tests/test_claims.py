@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import subprocess
 
 import pytest
 
-from harness.claims import Claim, claims_html, claims_table, judge_all, read_claims, write_claims
+from harness.claims import Claim, claims_html, claims_table, history, judge_all, read_claims, write_claims
 from harness.claims.judge import VERDICTS, judge, verdict_of
 from harness.claims.model import FILE
 from harness.claims.outcome import Bound, Outcome, every, most, some
@@ -408,6 +409,31 @@ def test_verdicts_are_written_and_shown(tmp_path):
     page = claims_html(judged)
     assert page.count("<tr ") == len(judged) and "by up to 20X, in apples to apples" in page
     assert claims_table(judged, runs.device).row_count == len(judged)
+
+
+def test_a_rule_that_is_younger_than_its_runs_is_told(tmp_path):
+    def git(*arguments):
+        subprocess.run(["git", "-C", tmp_path, "-c", "user.name=a", "-c", "user.email=a@b", *arguments], check=True,
+                       capture_output=True)
+        return subprocess.run(["git", "-C", tmp_path, "rev-parse", "HEAD"], capture_output=True, text=True,
+                              check=False).stdout.strip()
+
+    git("init", "--quiet")
+    before = git("commit", "--allow-empty", "-m", "nothing")
+    file = tmp_path / history.FILE
+    file.parent.mkdir(parents=True)
+    file.write_text(FILE.read_text(encoding="utf-8"), encoding="utf-8")
+    git("add", ".")
+    after = git("commit", "-m", "rules")
+    claim = "speedup-20x-whole"
+    assert history.rule_before_run(claim, {after}, file, tmp_path) is True
+    assert history.rule_before_run(claim, {after, before}, file, tmp_path) is False
+    assert history.rule_before_run(claim, {"f" * 40}, file, tmp_path) is None
+    assert history.rule_before_run(claim, set(), file, tmp_path) is None
+    changed = tmp_path / "changed.toml"
+    changed.write_text(FILE.read_text(encoding="utf-8").replace("at_least = 20", "at_least = 2"), encoding="utf-8")
+    assert history.rule_before_run(claim, {after}, changed, tmp_path) is False
+    assert history.rule_before_run("sort-rate", {after}, changed, tmp_path) is True
 
 
 def test_the_command_prints_a_table_or_json(tmp_path):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from harness.claims.history import rule_before_run
 from harness.claims.model import FILE, Claim, read_claims
 from harness.claims.outcome import Outcome, every, some
 from harness.claims.rules import Evidence
@@ -17,11 +18,15 @@ VERDICTS = ("reproduced", "shape only", "contradicted", "inconclusive", "not att
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim, the outcome of each of its rules, and the verdict."""
+    """A claim, the outcome of each of its rules, and the verdict.
+
+    `rule_before_run`: whether the rule was committed before the runs it judges; None where that cannot be told.
+    """
 
     claim: Claim
     outcomes: Sequence[Outcome]
     verdict: str
+    rule_before_run: bool | None = None
 
     @property
     def measured(self) -> str:
@@ -66,14 +71,23 @@ class Judged:
                        "meets_full": outcome.full, "meets_shape": outcome.shape, "missing": outcome.missing,
                        **outcome.facts, "findings": [finding.as_dict() for finding in outcome.findings]}
                       for rule, outcome in zip(claim.rule, self.outcomes, strict=True)],
-            "command": claim.command, "minutes": claim.minutes, "records": self.records,
+            "rule_before_run": self.rule_before_run, "command": claim.command, "minutes": claim.minutes,
+            "records": self.records,
         }  # fmt: skip
 
 
 def judge_all(runs: Runs, path: Path = FILE) -> list[Judged]:
     """A verdict for every claim, in the order of claims.toml; raises DefrayError for a file it cannot read."""
     scenes, claims = read_claims(path)
-    return [judge(claim, Evidence(runs, scenes)) for claim in claims]
+    commits = {record["id"]: record.get("commit") or "" for record in runs.records}
+    judged = [judge(claim, Evidence(runs, scenes)) for claim in claims]
+    return [replace(one, rule_before_run=_rule_before_run(one, commits, path)) for one in judged]
+
+
+def _rule_before_run(judged: Judged, commits: dict[str, str], path: Path) -> bool | None:
+    """Of a claim that has a verdict by records; None for others."""
+    used = {commits[run] for run in judged.records if run in commits}
+    return rule_before_run(judged.claim.id, used, path) if used and judged.verdict != "not attempted" else None
 
 
 def judge(claim: Claim, evidence: Evidence) -> Judged:

@@ -23,9 +23,10 @@ def claims_rows(judged: Sequence[Judged]) -> list[dict[str, str]]:
 
 
 def measured_text(one: Judged) -> str:
-    """The numbers in short, whether stand-ins are among them, and the reason where there is no verdict."""
+    """The numbers in short, whether stand-ins are among them, why there is no verdict, whether its rule is new."""
     text = one.measured + (" (with stand-ins)" if one.measured and one.stand_ins else "")
-    return "; ".join(part for part in (text, one.reason) if part)
+    late = "the rule was not committed when these were measured" if one.rule_before_run is False else ""
+    return "; ".join(part for part in (text, one.reason, late) if part)
 
 
 def counts_text(judged: Sequence[Judged]) -> str:
@@ -57,8 +58,9 @@ def claims_html(judged: Sequence[Judged]) -> Markup:
     counts = escape(counts_text(judged))
     return Markup(_STYLE) + Markup(
         '<section id="claims" class="claims">\n<h2>The paper’s claims</h2>\n<p>{}. Each rule stands in '
-        "<code>harness/paper/claims.toml</code> and was committed before the run. Orderings, ratios and trends are "
-        "judged; the paper’s absolute rates are context. A 95 % interval across a threshold is inconclusive.</p>\n"
+        "<code>harness/paper/claims.toml</code>; a verdict says so where its rule was not yet committed as it is "
+        "when the runs were made. Orderings, ratios and trends are judged; the paper’s absolute rates are context. A 95 % "
+        "interval across a threshold is inconclusive.</p>\n"
         '<div class="scroll"><table>\n<thead><tr><th scope="col">verdict</th><th scope="col">claim</th>'
         '<th scope="col">measured</th></tr></thead>\n<tbody>\n{}\n</tbody></table></div>\n</section>\n'
     ).format(counts, rows)
@@ -75,7 +77,8 @@ def _row(one: Judged) -> Markup:
         '<tr class="verdict-{kind}" id="claim-{id}"><td><span class="verdict">{mark}&nbsp;{verdict}</span></td>'
         '<td class="long">{title}<details><summary>the paper’s words, and the rule</summary>'
         "<blockquote>{words}<br><cite>{place}</cite></blockquote><p>{reading}</p><p>{needed}</p></details></td>"
-        '<td class="long">{measured}<br><span class="needed">needed: {short}</span><details><summary>numbers</summary><ul>{findings}</ul>'
+        '<td class="long">{measured}<br><span class="needed">needed: {short}</span>'
+        "<details><summary>numbers</summary><ul>{findings}</ul>"
         "<p>Records: <code>{records}</code></p><p><code>{command}</code>, about {minutes:g} minutes</p></details>"
         "</td>"
         "</tr>"
