@@ -59,8 +59,8 @@ def claims_html(judged: Sequence[Judged]) -> Markup:
     return Markup(_STYLE) + Markup(
         '<section id="claims" class="claims">\n<h2>The paper’s claims</h2>\n<p>{}. Each rule stands in '
         "<code>harness/paper/claims.toml</code>; a verdict says so where its rule was not yet committed as it is "
-        "when the runs were made. Orderings, ratios and trends are judged; the paper’s absolute rates are context. A 95 % "
-        "interval across a threshold is inconclusive.</p>\n"
+        "when the runs were made. Orderings, ratios and trends are judged; the paper’s absolute rates are context. A "
+        "95 % interval across a threshold is inconclusive.</p>\n"
         '<div class="scroll"><table>\n<thead><tr><th scope="col">verdict</th><th scope="col">claim</th>'
         '<th scope="col">measured</th></tr></thead>\n<tbody>\n{}\n</tbody></table></div>\n</section>\n'
     ).format(counts, rows)

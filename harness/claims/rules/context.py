@@ -6,6 +6,7 @@ from typing import Literal
 
 from harness.claims.evidence import LEAST_REPETITIONS, Operand, lacking, pair_on, scene_rows
 from harness.claims.outcome import Finding, Outcome, Strict
+from harness.figures.style import three_digits
 from harness.stats import interval
 
 REASON = "an absolute rate of the paper's GPU, which it does not name: ours are context, neither pass nor fail"
@@ -40,6 +41,6 @@ class Rule(Strict):
         known = [finding.value for finding in findings if finding.value is not None]
         if not known:
             reason += f"; and {lacking(evidence.runs, evidence.scenes, [], (self.of,), 1)}"
-        summary = f"{min(known):.3g} to {max(known):.3g} {self.unit}" if known else ""
+        summary = f"{three_digits(min(known))} to {three_digits(max(known))} {self.unit}" if known else ""
         return Outcome(None, None, f"none; the paper's: {', '.join(f'{value:g}' for value in stated)} {self.unit}",
                        findings, summary, missing=reason)
