@@ -1,59 +1,7 @@
 // Traversal of the deferred tracer: walks rays through the grid without testing any triangle. A wave takes
 // at most `wave` non-empty cells a ray, in order of encounter (paper, section 2).
 #include "common.clh"
-#include "walk.clh"
-
-// Rays that walk together, one a lane, from where they stopped. Lanes without an unfinished ray do not `go`.
-typedef struct {
-    Walk walk;
-    walk_real limit;  // best t so far: a ray stops beyond it
-    walk_int go;
-    walk_int stored;  // non-empty cells met in this wave
-} Group;
-
-// A finished ray has left the grid or has a hit no farther than the cells it has walked.
-inline int ray_finished(ulong position, ulong key, float t_exit)
-{
-    return position == LEFT_GRID || key_t(key) <= t_exit;
-}
-
-// The rays that walk together in memory, where one can be exchanged for another.
-typedef struct {
-    float field[8][WALK_LANES];  // origin, direction, t_exit, best t
-    int cell[3][WALK_LANES], go[WALK_LANES], stored[WALK_LANES];
-    int row[WALK_LANES];         // place of the ray among the active ones, -1 for none
-} Seats;
-
-inline void sit_down(Seats *s, int lane, int row, global const int *active, global const Ray *rays,
-                     global const ulong *keys, global const ulong *positions, global const float *t_exit)
-{
-    const int i = active[row];
-    const Ray r = rays[i];
-    const ulong position = positions[i], key = keys[i];
-    s->field[0][lane] = r.ox, s->field[1][lane] = r.oy, s->field[2][lane] = r.oz;
-    s->field[3][lane] = r.dx, s->field[4][lane] = r.dy, s->field[5][lane] = r.dz;
-    s->field[6][lane] = t_exit[i], s->field[7][lane] = key_t(key);
-    for (int axis = 0; axis < 3; ++axis)
-        s->cell[axis][lane] = unpack_axis(position, axis);
-    s->go[lane] = ray_finished(position, key, t_exit[i]) ? 0 : -1;
-    s->stored[lane] = 0;
-    s->row[lane] = row;
-}
-
-hot_path Group take_seats(const Seats *s, const Grid grid)
-{
-    Group g;
-    g.walk.x = axis_setup(walk_load(s->field[0]), walk_load(s->field[3]), grid.lower.x, grid.inverse_cell.x);
-    g.walk.y = axis_setup(walk_load(s->field[1]), walk_load(s->field[4]), grid.lower.y, grid.inverse_cell.y);
-    g.walk.z = axis_setup(walk_load(s->field[2]), walk_load(s->field[5]), grid.lower.z, grid.inverse_cell.z);
-    g.walk.x.cell = walk_load(s->cell[0]), g.walk.y.cell = walk_load(s->cell[1]);
-    g.walk.z.cell = walk_load(s->cell[2]);
-    g.walk.t_exit = walk_load(s->field[6]);
-    g.limit = walk_load(s->field[7]);
-    g.go = walk_load(s->go) != 0;
-    g.stored = walk_load(s->stored);
-    return g;
-}
+#include "seats.clh"
 
 hot_path Group load_group(const Grid grid, int first, int active_count, global const int *active,
                           global const Ray *rays, global const ulong *keys, global const ulong *positions,
@@ -86,39 +34,12 @@ hot_path void save_group(const Group *g, const Grid grid, int first, int active_
     }
 }
 
-// One step of all lanes; returns each lane's non-empty cell or NO_CELL, and stops the lanes that are through.
-hot_path walk_int group_step(Group *g, const Grid grid, int wave)
-{
-    const walk_int cell = walk_step(&g->walk, grid, g->go);
-    const walk_int met = g->go & (cell >= 0);
-    g->stored += walk_where(met, (walk_int)(1));
-    const walk_int enough = (g->stored >= wave) | (g->limit <= g->walk.t_exit);
-    g->go &= walk_inside(&g->walk, grid_resolution(grid)) & walk_not(enough);
-    return walk_pick((walk_int)(NO_CELL), cell, met);
-}
-
-#ifdef COUNT_WORK
-inline int count_lanes(walk_int m)
-{
-    int value[WALK_LANES], total = 0;
-    walk_store(m, value);
-    for (int lane = 0; lane < WALK_LANES; ++lane)
-        total += value[lane] != 0;
-    return total;
-}
-#define count_steps(go) add_count(COUNT_STEPS, count_lanes(go))
-#define count_cells_met(cell) add_count(COUNT_PAIRS, count_lanes((cell) >= 0))
-#else
-#define count_steps(go)
-#define count_cells_met(cell)
-#endif
-
+// As RECORDED_TOGETHER of the host has it.
 #if WALK_LANES == 1
 #define RAYS_PER_ITEM 1
 #else
 #define RAYS_PER_ITEM (8 * WALK_LANES)
 #endif
-#define EXCHANGE 6
 
 #define WALK_ARGUMENTS                                                                                      \
     const int active_count, global const int *active, global const Ray *rays, global const ulong *keys,     \
@@ -164,29 +85,6 @@ kernel void pack_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_
     save_group(&group, grid, first, active_count, active, positions, t_exit);
 }
 
-// Keeps where a ray stopped, or that it has left the grid.
-inline void stand_up(const Seats *s, int lane, int3 resolution, global const int *active, global ulong *positions,
-                     global float *t_exit, global int *recorded_count)
-{
-    const int i = active[s->row[lane]];
-    const int x = s->cell[0][lane], y = s->cell[1][lane], z = s->cell[2][lane];
-    const int inside = (uint)x < (uint)resolution.x && (uint)y < (uint)resolution.y && (uint)z < (uint)resolution.z;
-    recorded_count[s->row[lane]] = s->stored[lane];
-    if (positions[i] == LEFT_GRID)
-        return;
-    positions[i] = inside ? pack_position(x, y, z) : LEFT_GRID;
-    t_exit[i] = s->field[6][lane];
-}
-
-hot_path void keep_seats(const Group *g, Seats *s)
-{
-    walk_store(g->walk.x.cell, s->cell[0]), walk_store(g->walk.y.cell, s->cell[1]);
-    walk_store(g->walk.z.cell, s->cell[2]);
-    walk_store(g->walk.t_exit, s->field[6]);
-    walk_store(g->go, s->go);
-    walk_store(g->stored, s->stored);
-}
-
 // Walks once and remembers each ray's cells, here at most `wave` of them in `wave` + 1 slots a ray: every step
 // stores, a met cell moves on. A work-item walks RAYS_PER_ITEM rays: every EXCHANGE steps, lanes that are through
 // take the next.
@@ -228,7 +126,8 @@ kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *
         seated = 0;
         for (int lane = 0; lane < WALK_LANES; ++lane) {
             if (seats.go[lane] == 0 && seats.row[lane] >= 0) {
-                stand_up(&seats, lane, grid_resolution(grid), active, positions, t_exit, recorded_count);
+                recorded_count[seats.row[lane]] = seats.stored[lane];
+                stand_up(&seats, lane, grid_resolution(grid), active, positions, t_exit);
                 seats.row[lane] = -1;
                 if (next < end)
                     sit_down(&seats, lane, next++, active, rays, keys, positions, t_exit);

@@ -92,7 +92,7 @@ class Record:
         batch, tracer, count = self.batch, self.tracer, segment.count
         self.program.launch(
             "record_pairs",
-            -(-count // (RECORDED_TOGETHER * tracer.lanes)) if tracer.lanes > 1 else count,
+            -(-count // (RECORDED_TOGETHER * tracer.exchanged_lanes)) if tracer.lanes > 1 else count,
             *(count, segment.active, batch.rays, batch.keys, *tracer.grid.arguments, length),
             *(batch.positions, batch.t_exit, segment.cells, segment.lengths, *tracer.counting),
         )

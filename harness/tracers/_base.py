@@ -149,6 +149,12 @@ class DeviceTracer(Tracer):
         return self.default_lanes or self.device.native_lanes
 
     @property
+    def exchanged_lanes(self) -> int:
+        """Rays that walk together where one that is through gives its lane to the next: twice as many as are tested
+        together, as one half computes while the other waits for memory."""
+        return 2 * self.lanes if self.lanes in (4, 8) else self.lanes
+
+    @property
     def contraction(self) -> dict[str, int]:
         """The definition that lets the compiler contract inside the intersector, where the options ask for it."""
         return {"CONTRACT": 1} if self.options.contraction == "on" else {}

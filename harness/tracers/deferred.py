@@ -97,7 +97,8 @@ class Deferred(DeviceTracer):
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """All waves of one batch."""
         queue = self.device.queue
-        walk = self.program("traverse.cl", grid=True, walk_lanes=self.lanes, defines=self.options.defines)
+        walk_lanes = self.lanes if self.options.arrange == "two-pass" else self.exchanged_lanes
+        walk = self.program("traverse.cl", grid=True, walk_lanes=walk_lanes, defines=self.options.defines)
         bins = GroupBins(self) if self.in_groups else Bins(self)
         arrange = ARRANGEMENTS[self.options.arrange]
         active, active_count = cl.array.arange(queue, batch.count, dtype=np.int32), batch.count

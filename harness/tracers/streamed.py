@@ -1,0 +1,62 @@
+"""Deferred tracing in streams: the deferred tracer without passes over its pairs, for devices with few, fast cores.
+
+Each work-item, one a core, walks its own rays, bins their pairs privately and intersects a bin as soon as it holds a
+chunk. Nothing is counted, scanned or scattered, and no atomic is needed; the price is that only rays of one core
+share a chunk.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from harness.runtime import cl
+from harness.stopwatch import Stopwatch
+from harness.tracers._base import Batch, BatchTooLarge, DeviceOptions, DeviceTracer
+
+BLOCK = 1024  # as in kernels/stream.cl
+
+
+class StreamedOptions(DeviceOptions):
+    """`wave`: non-empty cells a ray between two emptyings of the bins; `growth`: times as many in each wave as in the
+    one before; `streams`: work-items, 0 for one a compute unit of the device."""
+
+    wave: int = Field(default=6, ge=1, le=4096)
+    growth: int = Field(default=2, ge=1, le=64)
+    streams: int = Field(default=0, ge=0, le=1024)
+
+
+class Streamed(DeviceTracer):
+    """All waves in one kernel, a stream of rays a work-item."""
+
+    name = "streamed"
+    needs_grid = True
+    Options = StreamedOptions
+    warm_up_rays = 1 << 18
+
+    def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
+        """One kernel; walking, binning and intersecting alternate, so there is only a total."""
+        streams = min(self.options.streams or self.device.compute_units, -(-batch.count // BLOCK))
+        cells, grid = max(self.grid.nonempty, 1), self.grid
+        blocks = -(-batch.count // BLOCK)
+        room = -(-blocks // streams) * BLOCK
+        need = 4 * streams * cells * self.lanes
+        if need > self.device.max_allocation_bytes:
+            raise BatchTooLarge(f"{need / 2**20:.1f} MiB for its bins")
+        queue = self.device.queue
+        active = cl.array.empty(queue, streams * room, np.int32)
+        bins = cl.array.empty(queue, streams * cells * self.lanes, np.int32)
+        filled = cl.array.zeros(queue, streams * cells, np.uint8)
+        listed = cl.array.empty(queue, streams * (cells + 1), np.int32)
+        program = self.program("stream.cl", lanes=self.lanes, grid=True, walk_lanes=self.exchanged_lanes)
+        program.launch(
+            "trace_stream",
+            streams,
+            *(batch.count, streams, room, self.options.wave, self.options.growth, batch.rays, batch.keys),
+            *(*grid.arguments, batch.positions, batch.t_exit, grid.cell_start, grid.references, self.triangles),
+            *(cells, active, bins, filled, listed, *self.counting),
+            local=1,
+        )
+
+
+TRACER = Streamed
