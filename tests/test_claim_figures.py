@@ -35,10 +35,11 @@ def test_a_map_marks_the_fastest_uniform_grid_and_the_chosen_one():
     grids = {"4/64 total": 4.0, "8/64 total": 3.0, "8/128 total": 2.0, "16/64 total": 1.0, "16/128 total": 5.0,
              "40/16 adaptive": 0.5}
     records = [record(OURS, "sponza", seconds, grid=grid) for grid, seconds in grids.items()]
-    records[1]["spec"] = {"grid": "auto"}
+    records.append(record(OURS + ":wave=8", "sponza", 0.7, grid="44/16 adaptive"))
+    records[-1]["grid"]["chosen"] = "by the cost model"
     numbers, caption = drawn(resolution_map, runs_of(records))
     assert list(numbers[numbers["fastest"]]["grid"]) == ["16/64 total"]
-    assert list(numbers[numbers["chosen"]]["grid"]) == ["8/64 total"]
+    assert list(numbers[numbers["chosen"]]["grid"]) == ["44/16 adaptive"]
     assert "star" in caption and "adaptive" in caption
 
 

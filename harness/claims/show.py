@@ -57,7 +57,7 @@ def claims_html(judged: Sequence[Judged]) -> Markup:
     rows = Markup("\n").join(_row(one) for one in judged)
     counts = escape(counts_text(judged))
     return Markup(_STYLE) + Markup(
-        '<section id="claims" class="claims">\n<h2>The paper’s claims</h2>\n<p>{}. Each rule stands in '
+        '<section class="claims">\n<h2>The paper’s claims</h2>\n<p>{}. Each rule stands in '
         "<code>harness/paper/claims.toml</code>; a verdict says so where its rule was not yet committed as it is "
         "when the runs were made. Orderings, ratios and trends are judged; the paper’s absolute rates are context. A "
         "95 % interval across a threshold is inconclusive.</p>\n"
@@ -74,7 +74,7 @@ def _row(one: Judged) -> Markup:
     needed = [f"Needed: {outcome.threshold}." + (f" Shape: {outcome.shape_threshold}." if outcome.shape_threshold
                                                  else "") for outcome in one.outcomes]
     return Markup(
-        '<tr class="verdict-{kind}" id="claim-{id}"><td><span class="verdict">{mark}&nbsp;{verdict}</span></td>'
+        '<tr class="verdict-{kind}"><td><span class="verdict">{mark}&nbsp;{verdict}</span></td>'
         '<td class="long">{title}<details><summary>the paper’s words, and the rule</summary>'
         "<blockquote>{words}<br><cite>{place}</cite></blockquote><p>{reading}</p><p>{needed}</p></details></td>"
         '<td class="long">{measured}<br><span class="needed">needed: {short}</span>'
@@ -82,7 +82,7 @@ def _row(one: Judged) -> Markup:
         "<p>Records: <code>{records}</code></p><p><code>{command}</code>, about {minutes:g} minutes</p></details>"
         "</td>"
         "</tr>"
-    ).format(kind=kind, id=claim.id, mark=MARKS[one.verdict], verdict=one.verdict, title=claim.title,
+    ).format(kind=kind, mark=MARKS[one.verdict], verdict=one.verdict, title=claim.title,
              short=one.needed, words=claim.words, place=claim.place, reading=claim.reading, needed=" ".join(needed),
              measured=measured_text(one), findings=findings, records=" ".join(one.records) or "none",
              command=claim.command, minutes=claim.minutes)

@@ -20,8 +20,10 @@ VALUES = (("rate_mrays_per_s", "million rays/s", style.BLUE), ("grid_megabytes",
 def select(runs: Runs) -> pd.DataFrame:
     """One row a grid of each scene measured on a map of them, at the workload that most grids share."""
     rows = runs.every_diffuse
-    rows = rows[(rows["tracer"] == "deferred") & (rows["intersector"] == "ray-space") & (rows["options"] == "")
-                & rows["total"].notna() & rows["reading"].isin(("total", "adaptive"))]
+    rows = rows.assign(chosen=rows["record"].map(is_chosen).astype(bool))
+    # A chosen grid comes with the options chosen for it.
+    rows = rows[(rows["tracer"] == "deferred") & (rows["intersector"] == "ray-space") & rows["total"].notna()
+                & ((rows["options"] == "") | rows["chosen"]) & rows["reading"].isin(("total", "adaptive"))]
     kept = []
     for _, scene in rows.groupby("scene", sort=False):
         works = [work for _, work in scene.groupby(["view", "rays", "seed"], sort=True)]
@@ -42,16 +44,16 @@ def _scene(work: pd.DataFrame) -> list[dict]:
     rows = [{"scene": run["title"], "grid": run["grid"], "first_level": int(run["top"]),
              "second_level": int(run["leaf"]), "reading": run["reading"], "rate_mrays_per_s": run["total"],
              "rate_mrays_per_s_low": run["total_low"], "rate_mrays_per_s_high": run["total_high"],
-             "grid_megabytes": run["grid_megabytes"], "chosen": is_chosen(run["record"]), "rays": run["rays"],
-             "runs": run["run"]} for _, run in work.drop_duplicates("grid").iterrows()]
+             "grid_megabytes": run["grid_megabytes"], "chosen": bool(run["chosen"]), "rays": run["rays"],
+             "runs": run["run"]} for _, run in work.iterrows()]
     fastest = max((row["rate_mrays_per_s"] for row in rows if row["reading"] == "total"), default=0)
     return [row | {"fastest": row["reading"] == "total" and row["rate_mrays_per_s"] == fastest} for row in rows]
 
 
 def is_chosen(record: dict) -> bool:
-    """Whether the run's grid was chosen by the harness (`--grid auto`), which its spec says."""
-    grid = (record.get("spec") or {}).get("grid")
-    return grid == "auto" or (isinstance(grid, dict) and "auto" in (grid.get("reading"), grid.get("chosen_by")))
+    """Whether the run's grid was chosen by the harness (`--grid auto`), as its record says."""
+    asked = (record.get("spec") or {}).get("grid") or {}
+    return bool((record.get("grid") or {}).get("chosen")) or asked.get("reading") == "auto"
 
 
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:
@@ -128,10 +130,11 @@ def _marks(axis, uniform: pd.DataFrame, tops: list, leaves: list) -> None:
 
 
 def _below(scene: pd.DataFrame, column: str) -> str:
-    """The axis's name, and the value of the fastest adaptive grid where one was measured."""
-    adaptive = scene[scene["reading"] == "adaptive"]
-    if adaptive.empty:
-        return "second level"
-    best = adaptive.loc[adaptive["rate_mrays_per_s"].idxmax()]
-    star = " ★" if best["chosen"] else ""
-    return f"second level\nadaptive: {style.short_number(best[column])}{star}"
+    """The axis's name, and the values of the fastest adaptive grid and of the chosen one where they were measured."""
+    text = "second level"
+    for name, rows in (("adaptive", scene[(scene["reading"] == "adaptive") & ~scene["chosen"]]),
+                       ("★ chosen", scene[(scene["reading"] == "adaptive") & scene["chosen"]])):
+        if len(rows):
+            best = rows.loc[rows["rate_mrays_per_s"].idxmax()]
+            text += f"\n{name}: {style.short_number(best[column])}"
+    return text
