@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from test_claims import BASE, OURS, SCENES, record, speedups
+from made_up_claims import BASE, OURS, SCENES, record, speedups
 
 from harness.claims.model import FILE
 from harness.figures import intersection_speedup, published_rates, resolution_map, style, waves
