@@ -401,3 +401,18 @@ def test_the_command_prints_a_table_or_json(tmp_path):
     assert {one["id"] for one in document["claims"]} == {claim.id for claim in read_claims()[1]}
     empty = CliRunner().invoke(app, ["claims", str(tmp_path / "nothing")])
     assert empty.exit_code != 0
+
+
+def test_lines_are_counted_a_test_so_that_idle_lanes_share_nothing(tmp_path):
+    rule = {"type": "coherence", "value": "lines_per_test", "of": "forward", "to": "deferred-packed", "lanes": 32,
+            "full": {"above": 1, "on": "most"}, "shape": {"above": 1, "on": "most"}}
+    coherence_rows(tmp_path, {"forward": 200, "deferred-packed": 100})
+    file = tmp_path / "coherence.jsonl"
+    rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    for row in rows:
+        few, many = row["counts"]
+        few |= {"tests": 4, "line_trips": 1, "line_tests": 4, "lines_64": 6, "lines_128": 6}
+        many |= {"line_trips": 1, "line_tests": 32, "lines_64": 12, "lines_128": 12}
+    file.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+    judged = verdict(rule, [], folder=tmp_path)
+    assert judged.verdict == "reproduced" and judged.measured == "4 to 4"

@@ -14,7 +14,8 @@ MODELS = Literal["forward", "deferred", "deferred-packed"]
 VALUES = {
     "walk_efficiency": ("share of lanes at work in a step of the walk", lambda one: one.walk_efficiency),
     "test_efficiency": ("share of lanes at work in a test", lambda one: one.test_efficiency),
-    "lines_128": ("cache lines of 128 bytes that a test of all lanes loads", lambda one: one.lines_a_trip(128)),
+    "lines_per_test": ("distinct cache lines of 128 bytes over tests",
+                       lambda one: one.lines_128 / one.line_tests if one.line_tests else 0.0),
 }
 
 
