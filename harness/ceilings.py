@@ -14,9 +14,10 @@ from harness.runtime import cl
 
 VECTORS = 16  # vectors that a work-item copies
 CHAINS = 10  # independent sums in kernels/ceilings.cl
-ROUNDS = 4096  # steps of each chain
+ROUNDS = 16384  # steps of each chain
+TURNS = 4  # copies from memory: samples last tens of milliseconds, to see as much of a busy machine as kernels do
 LEAST_COPY = 128 << 20  # bytes of the array that is copied, unless the device has a larger cache
-CACHED_TURNS = 16  # copies of the array that stays in the cache
+CACHED_TURNS = 160  # copies of the array that stays in the cache
 UNITS = {"memory": "bytes/s", "cache": "bytes/s", "fma": "flop/s"}
 
 
@@ -64,13 +65,13 @@ class Ceilings:
 
         Device time alone. A cache line that is fetched only to be overwritten is not counted, as in STREAM.
         """
-        memory = [self._copy(self.memory_items)]
+        memory = [self._copy(self.memory_items) for _ in range(TURNS)]
         cache = [self._copy(self.cache_items) for _ in range(CACHED_TURNS + 1)][1:]
         fma = self.program.launch("chain_fmas", self.fma_items, ROUNDS, np.float32(0.5), np.float32(1), self.sums)
         self.device.queue.finish()
         flops = 2 * CHAINS * ROUNDS * self.lanes * self.fma_items
         return {
-            "memory": 2 * self._bytes(self.memory_items) / seconds_of(memory),
+            "memory": 2 * self._bytes(self.memory_items) * len(memory) / seconds_of(memory),
             "cache": 2 * self._bytes(self.cache_items) * len(cache) / seconds_of(cache),
             "fma": flops / seconds_of([fma]),
         }

@@ -47,8 +47,8 @@ def _repeat(group: Group, runs: Sequence[Run], ceilings: Ceilings, tell) -> tupl
     watches: dict[str, list[KernelWatch]] = {run.spec.id: [] for run in runs}
     for turn in range(runs[0].spec.repetitions):
         tell(f"repetition {turn + 1} of {runs[0].spec.repetitions}")
-        samples.append(ceilings.measure())
         for run in generator.sample(list(runs), len(runs)):
+            samples.append(ceilings.measure())
             watch = KernelWatch(group.device.queue)
             hits = run.tracer.trace(group.rays, watch)
             watches[run.spec.id].append(watch)

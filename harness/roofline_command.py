@@ -30,6 +30,10 @@ def roofline(
     density: Annotated[float | None, typer.Option(help="Leaf cells per triangle of an adaptive grid.")] = None,
     repetitions: Annotated[int, typer.Option(min=1, help="Timed repetitions, ceilings among them.")] = 5,
     check: Annotated[str, typer.Option(help="Compare hits with 'embree' or with 'exact' arithmetic.")] = "embree",
+    instructions: Annotated[
+        bool,
+        typer.Option("--instructions", help="Also count instructions of each deferred variant's loop (PoCL)."),
+    ] = False,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -76,6 +80,8 @@ def roofline(
     else:
         for row in rows:
             console_table(row)
+    if instructions:
+        print_instructions(parsed)
     if any(not row["valid"] for row in rows):
         failed = next(row for row in rows if not row["valid"])
         raise DefrayError(f"check failed: {failed['scene']['name']} {failed['variant']}; no times are reported")
@@ -94,6 +100,17 @@ def console_table(row: dict) -> None:
     for kernel in row["kernels"]:
         table.add_row(*kernel_cells(kernel, row["rays"]["count"]))
     Console(width=118, highlight=False).print(table)
+
+
+def print_instructions(variants: list) -> None:
+    """Instructions of the loop over triangles of every deferred variant, on standard error."""
+    from harness.instructions import inner_loop
+
+    for variant in variants:
+        if variant.tracer == "deferred":
+            found = inner_loop(variant.intersector or "ray-space", **variant.options)
+            typer.echo(f"{variant}: {found.instructions} instructions a triangle and vector of rays, of these "
+                       f"{found.arithmetic} floating-point, {found.stack} on the stack", err=True)
 
 
 def ceiling_text(ceilings: dict) -> str:

@@ -15,7 +15,7 @@ FILE = "roofline.jsonl"
 
 
 class Ceiling(Part):
-    """Samples of one ceiling, one a repetition, and their median with its 95 % interval."""
+    """Samples of one ceiling, one before each run of each repetition, and their median with its 95 % interval."""
 
     unit: Literal["bytes/s", "flop/s"]
     samples: list[float] = Field(min_length=1)

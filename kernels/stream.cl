@@ -66,8 +66,7 @@ cold_path void intersect_chunk(const Stream *s, const Chunk *chunk)
     const lane_index ray_of_lane = load_lane_indices(chunk->ray);
     lane_index best = (lane_index)(-1);
     const RayLanes lanes = gather_chunk(s, ray_of_lane, &best_t);
-    const Frame frame = intersector_setup(lanes);
-    test_triangles(&frame, s->triangles, s->references, begin, end, &best_t, &best);
+    test_chunk(&lanes, ray_of_lane, s->triangles, s->references, begin, end, &best_t, &best);
     if (mask_any(best >= 0)) {
         float t[LANES];
         int primitive[LANES];

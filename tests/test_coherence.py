@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +28,9 @@ from harness.coherence_command import compare_counts
 from harness.coherence_rows import coherence_file, coherence_row
 from harness.data import GridSpec
 from harness.errors import DefrayError
+from harness.figures.runs import Runs, read_published
 from harness.intersectors import INTERSECTORS
+from harness.tables import coherence as table
 
 TEST = INTERSECTORS["ray-space"]
 SPECS = [GridSpec(2, 8), GridSpec(0, 16, "adaptive", 1.0)]
@@ -170,7 +173,28 @@ def test_a_stored_row_reads_back_and_a_wrong_one_is_refused(tmp_path):
     assert done.exit_code == 0 and "forward over deferred-packed" in done.stdout
     (row,) = coherence_file(tmp_path).read()
     assert len(row["counts"]) == 6
+    runs = Runs([], tmp_path, "any device", read_published())
+    numbers = table.select(runs)
+    assert list(numbers["lanes"]) == [8] * 3 + [32] * 3 and numbers["forward_trips_over_these"].notna().sum() == 4
+    assert "measured" not in table.caption(runs, numbers)
     damaged = json.loads(json.dumps(row))
     damaged["counts"][0]["tests"] = 8 * damaged["counts"][0]["test_trips"] + 1
     with pytest.raises(DefrayError, match="a trip works on one lane at least and on all at most"):
         coherence_row(damaged, "here")
+
+
+def test_the_prediction_stands_beside_what_was_measured():
+    """Scalar work-optimal over deferred intersection, of the same scene, grid and intersector."""
+    grid = {"top": 2, "leaf": 8, "reading": "total"}
+    shared = {"scene": {"name": "ball", "source": "file", "sha256": "ab"}, "grid": grid, "intersector": "ray-space",
+              "rays": {"kind": "diffuse", "count": 100, "seed": 1}}
+    timed = [{**shared, "tracer": tracer, "lanes": 8, "kernels": [{"name": name, "seconds": seconds}]}
+             for tracer, name, seconds in (("deferred", "intersect_bins", [1.0, 1.0, 1.0]),
+                                           ("work-optimal", "intersect_visited", [5.0, 6.0, 7.0]))]
+    counted = {**shared, "counts": [{"model": "forward", "lanes": 8, "tests": 800, "test_trips": 400},
+                                    {"model": "deferred", "lanes": 8, "tests": 900, "test_trips": 100}]}
+    runs = SimpleNamespace(coherence=[counted], roofline=timed, scene_place=lambda name: 0,
+                           title_of=lambda scene: scene["name"])
+    assert table.measured_ratios(runs) == ["ball, 2/8 total: 8.0 predicted, 6 [5, 7] measured"]
+    runs.roofline = [timed[0], {**timed[1], "rays": {**timed[1]["rays"], "count": 101}}]
+    assert table.measured_ratios(runs) == []

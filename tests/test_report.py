@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up_accuracy import write_accuracy
+from made_up_roofline import write_roofline
 
 from harness import record as record_module
 from harness.data import Samples
@@ -161,6 +162,7 @@ def paper_folder(folder, scenes=tuple(SIZES)):
              "error": "the device ran out of memory"}
     (folder / "errors.jsonl").write_text(json.dumps(error) + "\n", encoding="utf-8")
     write_accuracy(folder)
+    write_roofline(folder)
     return folder
 
 

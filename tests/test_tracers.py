@@ -16,7 +16,7 @@ from harness.intersectors import INTERSECTORS, LANES
 from harness.stopwatch import Stopwatch
 from harness.tracers._base import Setting
 
-GRID_TRACERS = ("deferred", "forward", "work-optimal")
+GRID_TRACERS = ("deferred", "streamed", "forward", "work-optimal")
 SCENES = {
     "soup": (soup(), random_rays(3000)),
     "sphere": (icosphere(), aimed_rays(icosphere(), (0.1, 0.05, -0.2), 3000)),

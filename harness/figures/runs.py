@@ -10,9 +10,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from harness.coherence_rows import coherence_file
 from harness.data import STAGES
 from harness.errors import DefrayError
 from harness.ladder import SIZES
+from harness.roofline_rows import roofline_file
 from harness.stats import interval, rates_of, ratio
 
 PUBLISHED = Path(__file__).parents[1] / "paper" / "published.toml"
@@ -88,6 +90,17 @@ class Runs:
         """Diffuse runs of the main workload on `grid`."""
         return main_workload(self.every_diffuse[self.every_diffuse["grid"] == self.grid])
 
+    @cached_property
+    def roofline(self) -> list[dict]:
+        """The latest valid rows of the folder's roofline.jsonl on the report's device."""
+        rows = latest(roofline_file(self.folder).read())
+        return [row for row in rows if row["valid"] and (row["machine"].get("device") or "") == self.device]
+
+    @cached_property
+    def coherence(self) -> list[dict]:
+        """The latest rows of the folder's coherence.jsonl, whose counts are those of every device."""
+        return list({row["id"]: row for row in coherence_file(self.folder).read()}.values())
+
     def grid_note(self) -> str:
         """One sentence: the grid of the runs in `paper`, and a warning where it is not the paper's."""
         if self.grid == self.paper_grid:
@@ -130,7 +143,7 @@ class Runs:
     def command_of(self, ids) -> list[str]:
         """The distinct commands that made these runs, in order."""
         wanted = set(ids)
-        every = [*self.records, *self.accuracy, *self.precision]
+        every = [*self.records, *self.accuracy, *self.precision, *self.roofline, *self.coherence]
         commands = [r.get("command") or "" for r in every if r.get("id") in wanted]
         return list(dict.fromkeys(as_command(command) for command in commands if command))
 
