@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from harness import accuracy_command, coherence_command, roofline_command
-from harness.claims import command as claims_command
+from harness import accuracy_command, claims_command, coherence_command, roofline_command
 from harness.errors import DefrayError
 from harness.options import DeviceOption, JsonOption
 from harness.scenes_command import scenes_app

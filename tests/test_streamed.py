@@ -1,4 +1,4 @@
-"""The tracer that bins in streams: no option changes a bit, counts repeat, and few rays against many triangles agree."""
+"""The tracer that bins in streams: no option changes a bit, counts repeat, few rays against many triangles agree."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_batches_change_no_bit(device, batch):
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 9, 40])
 @pytest.mark.parametrize("tracer", ["deferred", "streamed"])
 def test_few_rays_against_many_triangles_a_cell(device, intersector, count, tracer):
-    """Chunks that are not full are tested a triangle a lane; two triangles with the same hit keep the lower number."""
+    """Chunks that are not full are tested a triangle a lane; of two equal hits the lower number is kept."""
     mesh = soup(400, size=0.6)
     mesh[200:] = mesh[:200]  # every hit is a tie
     rays = aimed_rays(mesh, (0.5, 0.5, 0.5), count)
