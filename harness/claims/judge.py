@@ -11,7 +11,6 @@ from harness.claims.history import rule_before_run
 from harness.claims.model import FILE, Claim, read_claims
 from harness.claims.outcome import Outcome, every, some
 from harness.claims.rules import Evidence
-from harness.coherence_rows import coherence_file
 from harness.figures.runs import Runs
 
 VERDICTS = ("reproduced", "shape only", "contradicted", "inconclusive", "not attempted")
@@ -80,7 +79,7 @@ class Judged:
 def judge_all(runs: Runs, path: Path = FILE) -> list[Judged]:
     """A verdict for every claim, in the order of claims.toml; raises DefrayError for a file it cannot read."""
     scenes, claims = read_claims(path)
-    rows = [*runs.records, *coherence_file(runs.folder).read()]
+    rows = [*runs.records, *runs.coherence]
     commits = {row["id"]: row.get("commit") or "" for row in rows}
     judged = [judge(claim, Evidence(runs, scenes)) for claim in claims]
     return [replace(one, rule_before_run=_rule_before_run(one, commits, path)) for one in judged]

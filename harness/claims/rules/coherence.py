@@ -7,7 +7,6 @@ from typing import Literal
 from harness.claims.evidence import PAPER_GRID
 from harness.claims.outcome import Bound, Finding, Outcome, Strict, missing
 from harness.coherence import Coherence
-from harness.coherence_rows import coherence_file
 from harness.figures.runs import grid_text, plain
 
 MODELS = Literal["forward", "deferred", "deferred-packed"]
@@ -35,7 +34,7 @@ class Rule(Strict):
         """Exact counts, scene by scene."""
         title, value = VALUES[self.value]
         words = f"{title}, {self.lanes} lanes, {self.of} / {self.to} {self.full.words()}"
-        rows = {plain(row["scene"]["name"]): row for row in coherence_file(evidence.runs.folder).read()
+        rows = {plain(row["scene"]["name"]): row for row in evidence.runs.coherence
                 if grid_text(row["grid"]) == PAPER_GRID and row["rays"]["kind"] == "diffuse"}
         findings, answers = [], []
         for scene in evidence.scenes:
