@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from harness import accuracy_command, coherence_command, roofline_command
+from harness import accuracy_command, claims_command, coherence_command, roofline_command
 from harness.errors import DefrayError
 from harness.options import DeviceOption, JsonOption
 from harness.scenes_command import scenes_app
@@ -250,6 +250,7 @@ app.command(
 accuracy_command.register(app)
 roofline_command.register(app)
 coherence_command.register(app)
+claims_command.register(app)
 
 
 def _records_of(folder: Path) -> Path:

@@ -17,6 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from harness.accuracy_rows import accuracy_file, latest_rows, precision_file
+from harness.claims import claims_html, judge_all, write_claims
 from harness.errors import DefrayError
 from harness.figures import figures, style
 from harness.figures.runs import Runs, as_command, label_of, latest, read_published, rung_of
@@ -43,8 +44,10 @@ def write_report(folder: Path) -> Path:
     ordered = sorted(modules, key=lambda name: (modules[name].ORDER, name))
     with style.style():
         blocks = [make_block(runs, name, modules[name]) for name in ordered]
+    judged = judge_all(runs)
+    write_claims(judged, runs, folder / "claims.json")
     page = folder / "report.html"
-    page.write_text(render(runs, blocks), encoding="utf-8")
+    page.write_text(render(runs, blocks, claims_html(judged)), encoding="utf-8")
     return page
 
 
@@ -103,8 +106,8 @@ def make_block(runs: Runs, name: str, module) -> dict:
     return block
 
 
-def render(runs: Runs, blocks: list[dict]) -> str:
-    """The page as HTML."""
+def render(runs: Runs, blocks: list[dict], claims: Markup) -> str:
+    """The page as HTML; `claims` is the table of claims, ready for it."""
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True,
                               undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     sections: dict[str, list[dict]] = {}
@@ -112,7 +115,7 @@ def render(runs: Runs, blocks: list[dict]) -> str:
         sections.setdefault(block["section"], []).append(block)
     template = environment.get_template("report.html.jinja")
     return template.render(paper=runs.published["paper"], summary=summary(runs), failures=failures(runs),
-                           notices=notices(runs), sections=sections, machine=machine_rows(runs),
+                           notices=notices(runs), claims=claims, sections=sections, machine=machine_rows(runs),
                            provenance=provenance_rows(runs), redraw=redraw_command(runs.folder))
 
 

@@ -72,12 +72,56 @@ def ratio(rates: Sequence[float], base_rates: Sequence[float], confidence: float
     return _bootstrap(len(sample), quotient, confidence)
 
 
+def quotient(rates: Sequence[float], base_rates: Sequence[float], confidence: float = 0.95) -> Interval:
+    """Median of `rates` over median of `base_rates`, from runs that were not measured together.
+
+    Each side is resampled by itself, so the interval is wider than that of `ratio`. Fewer than three values on either
+    side cannot be resampled: the interval is then that of the extremes. Raises DefrayError for base rates not above
+    zero.
+    """
+    sample, base = _finite(rates), _finite(base_rates)
+    if (base <= 0).any():
+        raise DefrayError("a ratio needs base rates above zero")
+    middle = float(np.median(sample) / np.median(base))
+    if min(len(sample), len(base)) < 3:
+        return Interval(middle, float(sample.min() / base.max()), float(sample.max() / base.min()))
+    generator = np.random.default_rng(0)
+    over, under = (np.median(values[generator.integers(0, len(values), (RESAMPLES, len(values)))], axis=-1)
+                   for values in (sample, base))
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(over / under, [tail, 1.0 - tail])
+    return Interval(middle, float(low), float(high))
+
+
+def geometric_mean(pairs: Sequence[tuple[Sequence[float], Sequence[float]]], confidence: float = 0.95) -> Interval:
+    """Geometric mean over scenes of median rate over median base rate, each pair being one scene's repetitions.
+
+    Repetitions are resampled within each scene, as `ratio` does where both sides have as many, else as `quotient`
+    does; the scenes themselves are fixed, so the interval speaks of these scenes and of no others.
+    """
+    if not len(pairs):
+        raise DefrayError("a mean over scenes needs a scene")
+    logs, generator = [], np.random.default_rng(0)
+    for rates, base_rates in pairs:
+        sample, base = _finite(rates), _finite(base_rates)
+        if min(sample.min(), base.min()) <= 0:
+            raise DefrayError("a ratio needs rates above zero")
+        rows = generator.integers(0, len(sample), (RESAMPLES, len(sample)))
+        paired = len(sample) == len(base)
+        base_rows = rows if paired else generator.integers(0, len(base), (RESAMPLES, len(base)))
+        logs.append((np.log(np.median(sample) / np.median(base)),
+                     np.log(np.median(sample[rows], axis=-1) / np.median(base[base_rows], axis=-1))))
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(np.mean([drawn for _, drawn in logs], axis=0), [tail, 1.0 - tail])
+    return Interval(*(float(np.exp(value)) for value in (np.mean([whole for whole, _ in logs]), low, high)))
+
+
 def exponent(sizes: Sequence[float], values: Sequence[float], groups: Sequence[str]) -> Interval:
     """The power p of `values` proportional to `sizes` ** p, with a factor of its own for each group.
 
-    Least squares through the logarithms, taken from their mean in each group; the interval resamples the points, and
-    tells how well one power describes them, not the noise of a timing. Raises DefrayError where no group has two
-    different sizes, or a number is not positive.
+    Least squares through the logarithms, taken from their mean in each group; the 95 % interval is Student's, which
+    tells how well one power describes these points, not the noise of a timing. Raises DefrayError where a number is
+    not positive, no group has two different sizes, or no more points are there than a power takes.
     """
     x, y = _finite(sizes), _finite(values)
     if len(x) != len(y) or len(x) != len(groups) or min(x.min(), y.min()) <= 0:
@@ -86,16 +130,109 @@ def exponent(sizes: Sequence[float], values: Sequence[float], groups: Sequence[s
     _, number = np.unique(np.asarray(groups), return_inverse=True)
     for column in (x, y):
         column -= (np.bincount(number, weights=column) / np.bincount(number))[number]
-    if not (x * x).sum() > 1e-12:
+    spread = (x * x).sum()
+    if not spread > 1e-12:
         raise DefrayError("a power needs a group with two different sizes")
+    freedom = len(x) - (number.max() + 1) - 1
+    if freedom < 1:
+        raise DefrayError("a power's interval needs more points than groups and one")
+    from scipy.stats import t
 
-    def slope(rows: np.ndarray) -> np.ndarray:
-        spread = (x[rows] ** 2).sum(axis=-1)
-        # Where only points of a group's mean size are drawn, nothing is learnt: the power of all points stands.
-        whole = (x * y).sum() / (x * x).sum()
-        return np.where(spread > 1e-12, (x[rows] * y[rows]).sum(axis=-1) / np.maximum(spread, 1e-12), whole)
+    slope = float((x * y).sum() / spread)
+    rest = y - slope * x
+    half = float(t.ppf(0.975, freedom) * np.sqrt((rest * rest).sum() / freedom / spread))
+    return Interval(slope, slope - half, slope + half)
 
-    return _bootstrap(len(x), slope, 0.95)
+
+@dataclass(frozen=True)
+class Fit:
+    """A curve through points, fitted by least squares of the logarithms: errors count by their share of a value.
+
+    `model`: "constant" (a), "linear" (a + b x) or "power" (a x^b); `aicc` is infinite where the points are too few.
+    """
+
+    model: str
+    parameters: tuple[float, ...]
+    aicc: float
+    freedom: int
+    _covariance: np.ndarray
+    _unit: float  # sizes are fitted in this unit
+
+    def at(self, sizes: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """float64[n] three times: the curve, and the ends of its 95 % interval (Student, linearised)."""
+        from scipy.stats import t
+
+        x = _finite(sizes) / self._unit
+        logs = _log_model(self.model, self.parameters, x)
+        slopes = _log_slopes(self.model, self.parameters, x)
+        half = t.ppf(0.975, self.freedom) * np.sqrt(np.einsum("ni,ij,nj->n", slopes, self._covariance, slopes))
+        return np.exp(logs), np.exp(logs - half), np.exp(logs + half)
+
+    def parameter(self, index: int) -> Interval:
+        """A parameter with its 95 % interval; b of a power is its exponent, other sizes are in the fit's unit."""
+        from scipy.stats import t
+
+        value = self.parameters[index]
+        half = float(t.ppf(0.975, self.freedom) * np.sqrt(self._covariance[index, index]))
+        return Interval(value, value - half, value + half)
+
+
+MODELS = ("constant", "linear", "power")
+
+
+def fits(sizes: Sequence[float], values: Sequence[float]) -> list[Fit]:
+    """Constant, line and power law through the points that have fewer parameters than points, least AICc first.
+
+    AICc (Hurvich & Tsai 1989) counts the scatter among the parameters. With four points a curve of two parameters has
+    an infinite one, and the constant is chosen: so few points show no trend. Raises DefrayError for fewer than three
+    points or a number that is not positive.
+    """
+    x, y = _finite(sizes), _finite(values)
+    if len(x) != len(y) or len(x) < 3 or min(x.min(), y.min()) <= 0:
+        raise DefrayError("a fit needs three or more sizes above zero, and as many values above zero")
+    unit = float(np.exp(np.log(x).mean()))
+    found = [_fit(model, x / unit, y, unit) for model in MODELS]
+    return sorted(found, key=lambda fit: (fit.aicc, MODELS.index(fit.model)))
+
+
+def _fit(model: str, x: np.ndarray, y: np.ndarray, unit: float) -> Fit:
+    """One model through points; x about 1."""
+    from scipy.optimize import least_squares
+
+    middle = float(np.exp(np.log(y).mean()))
+    start = {"constant": (middle,), "linear": (middle / 2, middle / 2), "power": (middle, 0.5)}[model]
+    floor = {"constant": (0,), "linear": (0, 0), "power": (0, -np.inf)}[model]
+    solved = least_squares(lambda p: _log_model(model, p, x) - np.log(y), start, bounds=(floor, np.inf),
+                           x_scale=np.abs(start), xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    parameters = tuple(map(float, solved.x))
+    count, freedom = len(start) + 1, len(x) - len(start)
+    squares = max(float((solved.fun**2).sum()), len(x) * 1e-24)
+    aicc = np.inf
+    if len(x) > count + 1:
+        aicc = len(x) * np.log(squares / len(x)) + 2 * count + 2 * count * (count + 1) / (len(x) - count - 1)
+    slopes = _log_slopes(model, parameters, x)
+    scatter = squares / freedom
+    return Fit(model, parameters, float(aicc), freedom, scatter * np.linalg.pinv(slopes.T @ slopes), unit)
+
+
+def _log_model(model: str, parameters: Sequence[float], x: np.ndarray) -> np.ndarray:
+    """Logarithm of a model's values at x."""
+    first = max(parameters[0], 1e-300)
+    if model == "constant":
+        return np.full(len(x), np.log(first))
+    if model == "linear":
+        return np.log(np.maximum(parameters[0] + parameters[1] * x, 1e-300))
+    return np.log(first) + parameters[1] * np.log(x)
+
+
+def _log_slopes(model: str, parameters: Sequence[float], x: np.ndarray) -> np.ndarray:
+    """float64[n, parameters]: derivatives of `_log_model`."""
+    if model == "constant":
+        return np.full((len(x), 1), 1 / parameters[0])
+    if model == "linear":
+        value = parameters[0] + parameters[1] * x
+        return np.stack([1 / value, x / value], axis=1)
+    return np.stack([np.full(len(x), 1 / parameters[0]), np.log(x)], axis=1)
 
 
 def different_p_value(first: Sequence[float], second: Sequence[float]) -> float:

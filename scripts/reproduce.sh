@@ -26,6 +26,7 @@ report=0
 .venv/bin/defray views "$out" >/dev/null || report=$?
 .venv/bin/defray report "$out" || report=$?
 [ -f "$out/report.html" ] && echo "report: $out/report.html"
+.venv/bin/defray claims "$out" || report=$?
 [ "$sweep" -eq 0 ] || echo "reproduce: the sweep reported failed checks (exit code $sweep)" >&2
 [ "$accuracy" -eq 0 ] || echo "reproduce: accuracy could not be measured (exit code $accuracy)" >&2
 [ "$stability" -eq 0 ] || echo "reproduce: the stress suite failed (exit code $stability)" >&2

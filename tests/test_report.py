@@ -101,6 +101,8 @@ def scene_records(scene: str) -> list[dict]:
               deferred(scene, grid=(8, 128, "per-cell"), walk=5.0, work=0.5)]
     found += [one_record(scene, "embree", None, {"total": EMBREE[scene] * slower}, options={"robust": robust},
                          grid=None) for robust, slower in (("true", 1.0), ("false", 0.9))]
+    found += [deferred(scene, options=options, work=work) for options, work in (
+        ({"wave": "2"}, 0.9), ({"wave": "all"}, 1.8), ({"compaction": "false"}, 1.1))]
     return [*found, one_record(scene, "brute", "ray-space", {"total": 900 * SIZES[scene] / 1000}, grid=None,
                                rays=20_000)]
 
@@ -108,6 +110,9 @@ def scene_records(scene: str) -> list[dict]:
 def resolution_records(scene: str) -> list[dict]:
     """Resolutions around the paper's 128, with fewer rays than figure 1."""
     found = []
+    found += [deferred(scene, walk=leaf / 128, work=128 / leaf, grid=(16, leaf, "total"), rays=RAYS // 10)
+              for leaf in (32, 64, 128)]
+    found += [deferred(scene, walk=0.4, work=0.3, grid=(40, 16, "adaptive"), rays=RAYS // 10)]
     for leaf in (32, 64, 128, 256, 512):
         fine, grid = leaf / 128, (8, leaf, "total")
         optimal = TIMES[scene][3] * (0.4 / fine + 0.6)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 
 from harness.figures import style
 from harness.figures.runs import SAME_WORK, Runs, best, rays_note, speedup
+from harness.stats import Fit, exponent, fits
 
 ORDER = 20
 SECTION = "Figure 1 of the paper"
 TITLE = "Diffuse intersection: speed-up over work-optimal forward intersection"
 NEEDS = "diffuse runs of the deferred and the work-optimal tracer, default options, on one grid"
 DEFAULT, STRONGEST = "same intersector", "fastest work-optimal"
+FITTED = "ray-space"
+CURVES = {"constant": "a constant", "linear": "a line", "power": "a power law"}
 
 
 def select(runs: Runs) -> pd.DataFrame:
@@ -48,7 +52,33 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     if (numbers["baseline"] == STRONGEST).any():
         text += (" Hollow marks divide by the fastest work-optimal variant measured on the scene, any "
                  "intersector and options: the ratio least kind to deferral.")
+    text += _fit_text(numbers)
     return f"{text} {runs.grid_note()} {rays_note(numbers)} The paper measured on its own GPU."
+
+
+def curve_of(numbers: pd.DataFrame) -> tuple[Fit, list[Fit], pd.DataFrame] | None:
+    """The curve that AICc prefers through the ray-space points, all three, and the points; None for under four."""
+    points = numbers[(numbers["intersector"] == FITTED) & (numbers["baseline"] == DEFAULT)]
+    if points["triangles"].nunique() < 4:
+        return None
+    ranked = fits(points["triangles"], points["speedup"])
+    return ranked[0], ranked, points
+
+
+def _fit_text(numbers: pd.DataFrame) -> str:
+    """What the points carry, in two sentences."""
+    found = curve_of(numbers)
+    if found is None:
+        return " Too few scenes for a curve."
+    fit, ranked, points = found
+    power = exponent(points["triangles"], points["speedup"], [""] * len(points))
+    scores = ", ".join(f"{CURVES[one.model]} {one.aicc:.1f}" for one in ranked if one.aicc < float("inf"))
+    middle, low, high = (float(values[0]) for values in fit.at([points["triangles"].median()]))
+    text = (f" Of three curves through the {len(points)} ray-space points AICc prefers {CURVES[fit.model]} "
+            f"({scores}; less is better), drawn with its 95 % interval: {middle:.2g}× ({low:.2g} to {high:.2g}) "
+            f"at the middle scene. As a power of the triangles the speed-up goes as {power.median:.2f} "
+            f"({power.low:.2f} to {power.high:.2f}); near-linear would be about 1.").replace("-0.", "−0.")
+    return text + (" So few scenes show no trend beyond their scatter." if fit.model == "constant" else "")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
@@ -58,6 +88,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     claim = runs.published["claims"]["intersection_speedup"]
     axis.axhline(1, color=style.INK, linewidth=0.9)
     axis.axhline(claim["value"], color=style.PINK, linewidth=1.1, linestyle=(0, (5, 2)))
+    _curve(axis, numbers)
     for number, (keys, series) in enumerate(numbers.groupby(["intersector", "baseline"], sort=False)):
         _series(axis, series, *keys, number)
     _limits(axis, numbers, claim["value"])
@@ -65,6 +96,22 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     _scene_names(axis, numbers, narrow)
     figure.legend(loc="outside lower center", ncols=1 if narrow else 2)
     return figure
+
+
+def _curve(axis, numbers: pd.DataFrame) -> None:
+    """The preferred curve with its band, and how a speed-up in proportion to size would go."""
+    found = curve_of(numbers)
+    if found is None:
+        return
+    fit, _, points = found
+    sizes = np.geomspace(points["triangles"].min() / 1.2, points["triangles"].max() * 1.2, 60)
+    middle, low, high = fit.at(sizes)
+    axis.fill_between(sizes, low, high, color=style.BLUE, alpha=0.1, linewidth=0, zorder=1)
+    axis.plot(sizes, middle, color=style.BLUE, linewidth=1.1, zorder=2,
+              label=f"{CURVES[fit.model]} through the ray-space points, and 95 %")
+    centre = np.exp(np.log(points[["triangles", "speedup"]]).mean())
+    axis.plot(sizes, centre["speedup"] * sizes / centre["triangles"], color=style.MUTED, linewidth=1,
+              linestyle=":", label="in proportion to size", zorder=1.5)
 
 
 def _series(axis, series: pd.DataFrame, intersector: str, baseline: str, number: int) -> None:

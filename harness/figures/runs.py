@@ -70,7 +70,7 @@ class Runs:
 
     @cached_property
     def diffuse(self) -> pd.DataFrame:
-        """Valid diffuse runs of each scene's main workload: the view, ray count and seed of most variants."""
+        """Valid diffuse runs of each scene's main workload: view, ray count and seed of most tracers and tests."""
         return main_workload(self.every_diffuse)
 
     @cached_property
@@ -189,6 +189,7 @@ def row_of(record: dict, scene_title) -> dict:
         "rays": int(rays["count"]), "seed": rays.get("seed", 0), "view": record.get("view") or "",
         "tracer": record["tracer"], "intersector": record.get("intersector") or "",
         "options": options_text(record.get("options")), "label": label_of(record),
+        "method": f"{record['tracer']}:{record.get('intersector') or ''}",
         "device": record["machine"].get("device") or "", "valid": record.get("valid") is True,
         "grid": grid_text(grid), "top": grid.get("top"), "leaf": grid.get("leaf"),
         "reading": grid.get("reading") or "", "cells": resolution_of(grid),
@@ -247,7 +248,7 @@ def bytes_of(grid: dict) -> float:
     return float(sum(size.values())) if isinstance(size, dict) else float(size)
 
 
-def main_workload(rows: pd.DataFrame, by: str = "label", others: bool = True) -> pd.DataFrame:
+def main_workload(rows: pd.DataFrame, by: str = "method", others: bool = True) -> pd.DataFrame:
     """Rows of each scene at the view, ray count and seed that have most different values of `by`, then
     most rays; with `others`, a tracer never run there keeps its own most rays (brute force is given fewer)."""
     kept = []

@@ -79,7 +79,7 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
                  for kind, row in _exponents(numbers, column)]
         if parts:
             text += f" Over triangles, {name} goes as the power {' and '.join(parts)}"
-            text += ", fitted with a factor for each scene, with bootstrap intervals over the rungs."
+            text += ", fitted with a factor for each scene, with Student's 95 % intervals over the rungs."
     grids, rays = sorted(set(numbers["grid"])), sorted(set(numbers["rays"]))
     return f"{text} Grid {', '.join(grids)}. Rays: {', '.join(f'{count:,}' for count in rays)}."
 
