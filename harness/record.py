@@ -264,8 +264,8 @@ def command_line() -> str:
 
 @lru_cache(maxsize=1)
 def commit_and_dirty() -> tuple[str, bool]:
-    """Commit of this checkout and whether anything in it differs; outside a checkout (`unknown`, False), or the commit
-    that scripts/carry.sh packed.
+    """Commit of this checkout and whether anything in it differs; outside one, what scripts/carry.sh packed, else
+    (`unknown`, False).
 
     Read once a process: the code that runs is the code that was there when it started.
     """

@@ -65,6 +65,8 @@ case $tier in smoke | paper | full) ;; *) fail "unknown tier '$tier'; known: smo
 [ $# -le 1 ] || fail "run.sh takes a tier; the device is chosen by DEVICE=part"
 version=$(cat "$here/python")
 : >"$log"
+bad=$(cd "$here" && sha256sum --check sums 2>/dev/null | sed -n 's/: FAILED.*//p' | head -n 1) || true
+[ -z "$bad" ] || fail "$bad is missing or damaged; carry it again"
 [ -d "$here/defray" ] || tar -xzf "$here/source.tar.gz" -C "$here"
 cd "$here/defray"
 cp "$here/commit" carried-commit
