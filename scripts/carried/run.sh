@@ -79,7 +79,8 @@ if [ -n "${DEVICE:-}" ]; then export DEFRAY_DEVICE=$DEVICE; fi
 .venv/bin/defray doctor >"$here/doctor.txt" || { cat "$here/doctor.txt"; fail "no OpenCL device works"; }
 cat "$here/doctor.txt"
 
-out=$here/results-$tier${DEVICE:+-${DEVICE//[^A-Za-z0-9]/-}}
+# Relative, so that records name no folder of this machine.
+out=../results-$tier${DEVICE:+-${DEVICE//[^A-Za-z0-9]/-}}
 code=0
 DEFRAY_REPORT=0 bash scripts/reproduce.sh "$tier" "$out" || code=$?
 if [ -s "$out/records.jsonl" ]; then pack; fi
