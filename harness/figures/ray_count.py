@@ -15,6 +15,7 @@ SECTION = "Number of rays"
 TITLE = "Time over the number of rays of one scene"
 NEEDS = "diffuse runs of the deferred tracer with at least three numbers of rays on one scene and grid"
 TRACERS = {"deferred": ("-", True), "embree": (":", False)}  # line, filled marks
+TITLES = {"deferred": "deferred", "embree": "Embree"}
 MANY = 1_000_000  # rays from which on the power is fitted too: waves are full there
 PANELS = (("seconds", "whole trace (s)"), ("ns_per_ray", "nanoseconds per ray"))
 
@@ -78,7 +79,7 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
 def _sentence(tracer: str, row: pd.Series) -> str:
     if pd.isna(row.get("exponent")):
         return ""
-    text = f" The time of {tracer} goes as the power {_power(row, 'exponent')} of the number of rays"
+    text = f" The time of {TITLES[tracer]} goes as the power {_power(row, 'exponent')} of the number of rays"
     if not pd.isna(row.get("exponent_many")):
         text += f", from a million on {_power(row, 'exponent_many')}"
     return text + "."
@@ -102,7 +103,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     for line, tracer in enumerate(tracer for tracer in TRACERS if tracer in set(numbers["tracer"])):
         row = numbers[numbers["tracer"] == tracer].iloc[0]
         if not pd.isna(row.get("exponent")):
-            axes[0].text(0.02, 1.09 - 0.06 * line, f"{tracer}: power {_power(row, 'exponent')}",
+            axes[0].text(0.02, 1.09 - 0.06 * line, f"{TITLES[tracer]}: power {_power(row, 'exponent')}",
                          transform=axes[0].transAxes, fontsize=7.5, color=style.MUTED)
     for axis in axes[-1:] if narrow else axes:
         axis.set_xlabel("rays")
@@ -115,7 +116,7 @@ def _line(axis, rows: pd.DataFrame, column: str, tracer: str, look: tuple[str, s
     (colour, marker), (line, filled) = look, TRACERS[tracer]
     axis.errorbar(rows["rays"], rows[column], yerr=style.errors(rows, column), color=colour, marker=marker,
                   markerfacecolor=colour if filled else style.PAGE, markersize=4.5, elinewidth=0.8, linewidth=1.2,
-                  linestyle=line, label=f"{rows['scene'].iloc[0]}, {tracer}")
+                  linestyle=line, label=f"{rows['scene'].iloc[0]}, {TITLES[tracer]}")
 
 
 def _axis(axis, numbers: pd.DataFrame, column: str, label: str) -> None:
