@@ -1,6 +1,7 @@
 # Every target sets up what it needs; `make help` lists them.
 TIER ?= paper
 OUT ?= results/out
+CARRIED ?= carried
 PYTHON := .venv/bin/python
 
 # DEVICE=part chooses the OpenCL device: a part of "platform / name", as `defray doctor` prints them.
@@ -12,12 +13,12 @@ ifdef DEFRAY_SCENES
 export DEFRAY_SCENES
 endif
 
-.PHONY: help setup second-device reproduce test test-all bench lint figures lock clean
+.PHONY: help setup second-device reproduce carry test test-all bench lint figures lock clean
 .DEFAULT_GOAL := help
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
-	@echo "variables: TIER=smoke|paper|full  DEVICE=part-of-a-name  OUT=folder  DEFRAY_SCENES=folder"
+	@echo "variables: TIER=smoke|paper|full  DEVICE=part-of-a-name  OUT=folder  CARRIED=folder  DEFRAY_SCENES=folder"
 
 setup: ## make .venv and find or install an OpenCL device
 	@bash scripts/setup.sh
@@ -27,6 +28,9 @@ second-device: ## add Intel's OpenCL runtime to .venv, to test on two implementa
 
 reproduce: setup ## measure, check the claims and draw the report: TIER=smoke, paper or full
 	@bash scripts/reproduce.sh "$(TIER)" "$(OUT)"
+
+carry: setup ## pack wheels, source and SCENES=a,b for a machine without a network; its run.sh measures there
+	@bash scripts/carry.sh --to "$(CARRIED)" $(if $(SCENES),--scenes "$(SCENES)")
 
 test: lint ## quick tests
 	@$(PYTHON) -m pytest -q -m "not slow" --benchmark-skip

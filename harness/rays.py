@@ -7,7 +7,7 @@ everywhere.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from harness.embree import EmbreeScene
 from harness.errors import DefrayError, known
 
 OCCLUSION_REACH = 0.1  # length of an ambient-occlusion ray over the scene's diagonal
+PIECE = 1 << 20  # rays made at a time: making them takes 400 bytes a ray, keeping them 28
 EMPTY_PASSES = 8  # passes over the image without a hit before a view is called empty
 
 # Wächter & Binder 2019, "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems 6.
@@ -85,15 +86,17 @@ def find_view(scene: Scene, name: str | None) -> View:
 # ---------------------------------------------------------------- cameras
 
 
-def image_rays(view: View, width: int, height: int, jitter: np.ndarray | None = None) -> Rays:
-    """One primary ray a pixel, rows from the top; `jitter` float64[n,2] in [0,1) within pixels (else centres)."""
+def image_rays(view: View, width: int, height: int, jitter: np.ndarray | None = None, first: int = 0) -> Rays:
+    """One primary ray a pixel, rows from the top; `jitter` float64[n,2] in [0,1) within pixels (else centres), of the
+    pixels from `first` on where it has fewer than the image.
+    """
     eye, target, up = (np.array(v, np.float64) for v in (view.eye, view.target, view.up))
     forward = _unit(target - eye)
     right = _unit(np.cross(forward, up))
     above = np.cross(right, forward)
     half = np.tan(np.radians(view.fov_degrees) / 2)
-    row, column = np.divmod(np.arange(width * height), width)
     within = np.full((width * height, 2), 0.5) if jitter is None else jitter
+    row, column = np.divmod(np.arange(first, first + len(within)), width)
     x = (2 * (column + within[:, 0]) / width - 1) * half * width / height
     y = (1 - 2 * (row + within[:, 1]) / height) * half
     directions = forward + x[:, None] * right + y[:, None] * above
@@ -102,11 +105,24 @@ def image_rays(view: View, width: int, height: int, jitter: np.ndarray | None = 
 
 def primary_rays(view: View, count: int, seed: int, turn: int = 0) -> Rays:
     """`count` jittered primary rays of a 4:3 image with about that many pixels, in rows."""
+    return _joined(primary_pieces(view, count, seed, turn), count, "primary", seed)
+
+
+def primary_pieces(view: View, count: int, seed: int, turn: int = 0) -> Iterator[Rays]:
+    """The rays of `primary_rays`, PIECE at a time."""
     height = max(1, int(np.ceil(np.sqrt(count * 3 / 4))))
     width = -(-count // height)
     generator = np.random.Generator(np.random.Philox(key=[seed, turn]))
-    rays = image_rays(view, width, height, generator.random((width * height, 2)))[:count]
-    return Rays(rays.origins, rays.directions, rays.t_max, "primary", seed)
+    for first in range(0, count, PIECE):
+        rays = image_rays(view, width, height, generator.random((min(PIECE, count - first), 2)), first)
+        yield Rays(rays.origins, rays.directions, rays.t_max, "primary", seed)
+
+
+def _joined(pieces: Iterable[Rays], count: int, kind: str, seed: int) -> Rays:
+    """The first `count` rays of all pieces."""
+    parts = list(pieces)
+    columns = (np.concatenate([getattr(p, n) for p in parts])[:count] for n in ("origins", "directions", "t_max"))
+    return Rays(*columns, kind, seed)
 
 
 # ---------------------------------------------------------------- rays from surfaces
@@ -118,24 +134,32 @@ def _bounced(scene: Scene, kind: str, count: int, seed: int, view_name: str | No
     embree = embree or EmbreeScene(scene.triangles)
     parts, found, turn = [], 0, 0
     while found < count:
-        primary = primary_rays(view, count, seed, turn)
-        part, _ = bounce(scene, primary, embree.trace(primary).primitive, kind, seed, turn)
-        parts.append(part)
-        found += len(part)
+        points = SpherePoints(seed, turn)
+        for primary in primary_pieces(view, count, seed, turn):
+            part, _ = bounce(scene, primary, embree.trace(primary).primitive, kind, seed, points=points)
+            parts.append(part)
+            found += len(part)
+            if found >= count:
+                break
         turn += 1
         if turn >= EMPTY_PASSES and not found:
             raise DefrayError(f"view {view.name} of scene {scene.name} sees no triangle")
-    columns = (np.concatenate([getattr(p, n) for p in parts])[:count] for n in ("origins", "directions", "t_max"))
-    return Rays(*columns, kind, seed)
+    return _joined(parts, count, kind, seed)
 
 
 def bounce(
-    scene: Scene, primary: Rays, primitive: np.ndarray, kind: str, seed: int, turn: int = 0
+    scene: Scene,
+    primary: Rays,
+    primitive: np.ndarray,
+    kind: str,
+    seed: int,
+    turn: int = 0,
+    points: SpherePoints | None = None,
 ) -> tuple[Rays, np.ndarray]:
     """One ray from each primary hit, cosine-weighted about the normal that faces the eye, and int64[m], whose.
 
     `primitive` int32[n] of the primary rays, -1 = miss: those give no ray, nor do hits along the surface. The hit
-    point is computed in float64.
+    point is computed in float64. `points`: where directions come from, those of `seed` and `turn` without.
     """
     hit = np.flatnonzero(primitive >= 0)
     corners = scene.triangles[primitive[hit]].astype(np.float64)
@@ -146,7 +170,7 @@ def bounce(
         t = np.einsum("ij,ij->i", normal, corners[:, 0] - origin) / facing
         normal = _unit(normal * -np.sign(facing)[:, None])
         point = origin + t[:, None] * direction
-    directions = normal + sphere_points(len(hit), seed, turn)
+    directions = normal + (points or SpherePoints(seed, turn)).take(len(hit))
     usable = np.isfinite(point).all(axis=1) & (np.abs(directions).max(axis=1) > 1e-6)
     point, normal, directions = point[usable], normal[usable], directions[usable]
     reach = np.inf
@@ -156,17 +180,29 @@ def bounce(
     return _rays(origins, _unit(directions), reach, kind, seed), hit[usable]
 
 
+class SpherePoints:
+    """Points uniform on the unit sphere, in an endless sequence (Marsaglia 1972, which needs no sine)."""
+
+    def __init__(self, seed: int, turn: int = 0):
+        self._generator = np.random.Generator(np.random.Philox(key=[seed, (1 << 32) + turn]))
+        self._left = np.empty((0, 2))
+
+    def take(self, count: int) -> np.ndarray:
+        """float64[count,3], the next points: the same whether taken at once or piece by piece."""
+        points = self._left
+        while len(points) < count:
+            square = 2 * self._generator.random((count - len(points) + 64, 2)) - 1
+            points = np.concatenate([points, square[(square**2).sum(axis=1) < 1]])
+        self._left = points[count:].copy()
+        a, b = points[:count, 0], points[:count, 1]
+        s = a * a + b * b
+        root = 2 * np.sqrt(1 - s)
+        return np.stack([a * root, b * root, 1 - 2 * s], axis=1)
+
+
 def sphere_points(count: int, seed: int, turn: int = 0) -> np.ndarray:
-    """float64[count,3], uniform on the unit sphere (Marsaglia 1972, which needs no sine)."""
-    generator = np.random.Generator(np.random.Philox(key=[seed, (1 << 32) + turn]))
-    points = np.empty((0, 2))
-    while len(points) < count:
-        square = 2 * generator.random((count - len(points) + 64, 2)) - 1
-        points = np.concatenate([points, square[(square**2).sum(axis=1) < 1]])
-    a, b = points[:count, 0], points[:count, 1]
-    s = a * a + b * b
-    root = 2 * np.sqrt(1 - s)
-    return np.stack([a * root, b * root, 1 - 2 * s], axis=1)
+    """float64[count,3], uniform on the unit sphere."""
+    return SpherePoints(seed, turn).take(count)
 
 
 def offset_origin(point: np.ndarray, normal: np.ndarray) -> np.ndarray:

@@ -264,7 +264,8 @@ def command_line() -> str:
 
 @lru_cache(maxsize=1)
 def commit_and_dirty() -> tuple[str, bool]:
-    """Commit of this checkout and whether anything in it differs; (`unknown`, False) outside a checkout.
+    """Commit of this checkout and whether anything in it differs; outside one, what scripts/carry.sh packed, else
+    (`unknown`, False).
 
     Read once a process: the code that runs is the code that was there when it started.
     """
@@ -273,8 +274,15 @@ def commit_and_dirty() -> tuple[str, bool]:
     commit = _git(root, "rev-parse", "HEAD")
     # An installed copy may lie inside some other project's checkout, whose commit says nothing about it.
     if not commit or not top or Path(top).resolve() != root:
-        return "unknown", False
+        return _carried_commit(root), False
     return commit, bool(_git(root, "status", "--porcelain"))
+
+
+def _carried_commit(root: Path) -> str:
+    try:
+        return (root / "carried-commit").read_text().strip() or "unknown"
+    except OSError:
+        return "unknown"
 
 
 def _git(root: Path, *arguments: str) -> str:

@@ -134,6 +134,16 @@ def _real_files(recipe: Recipe) -> list[Path]:
     return files if all(file.is_file() for file in files) else []
 
 
+def carried_files(name: str) -> list[Path]:
+    """The files under DEFRAY_SCENES of a scene's real geometry; raises DefrayError where it is not there."""
+    check_name(name)
+    recipe = recipes().get(name)
+    files = _real_files(recipe) if recipe else []
+    if not files:
+        raise DefrayError(f"no real geometry of {name} in the folder DEFRAY_SCENES={os.environ.get('DEFRAY_SCENES')}")
+    return files
+
+
 def real_scene(recipe: Recipe) -> Scene | None:
     """The real geometry from the folder DEFRAY_SCENES, else what was fetched, or None.
 

@@ -67,7 +67,6 @@ intersect_bins_group(const int count, const int cells, global const int *bin_sta
 #endif
     if (first + me > last)  // helps to load, hits nothing
         best_t = -1.0f, ray = -1;
-    const Frame frame = intersector_setup(lanes);
 
     if (shared) {
         for (int from = begin; from < end; from += TILE) {
@@ -79,11 +78,15 @@ intersect_bins_group(const int count, const int cells, global const int *bin_sta
                     primitives[k] = primitive;
             }
             barrier(CLK_LOCAL_MEM_FENCE);
+            // Made anew: Intel's runtime of 2026 for CPUs loses parts of a Frame across a barrier.
+            const Frame frame = intersector_setup(lanes);
             test_tile(&frame, tile, primitives, held, &best_t, &best);
             barrier(CLK_LOCAL_MEM_FENCE);
         }
-    } else if (ray >= 0)
+    } else if (ray >= 0) {
+        const Frame frame = intersector_setup(lanes);
         test_triangles(&frame, triangles, references, begin, end, &best_t, &best);
+    }
     keep_hits(keys, ray, best_t, best);
     if (shared || ray >= 0) {
         COUNT_CHUNK(ray, end - begin)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from shapes import icosphere
 
+from harness import rays as rays_module
 from harness.data import Rays, Scene, View
 from harness.errors import DefrayError
 from harness.rays import (
@@ -52,6 +53,17 @@ def test_points_on_the_sphere_are_uniform():
     assert np.linalg.norm(points, axis=1) == pytest.approx(1, abs=1e-12)
     assert points.mean(axis=0) == pytest.approx(0, abs=0.01)
     assert (points**2).mean(axis=0) == pytest.approx(1 / 3, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["primary", "diffuse"])
+def test_rays_made_piece_by_piece_are_the_same(monkeypatch, kind):
+    outside = View((0, 0, 3), (0, 0, 0), fov_degrees=60.0)  # half of the image is empty: several passes over it
+    ball = Scene("ball", icosphere(), views=(outside,))
+    whole = make_rays(ball, kind, 5001)
+    monkeypatch.setattr(rays_module, "PIECE", 700)
+    pieces = make_rays(ball, kind, 5001)
+    for column in ("origins", "directions", "t_max"):
+        assert getattr(pieces, column).tobytes() == getattr(whole, column).tobytes()
 
 
 def test_origins_move_off_the_surface_by_about_256_ulp():

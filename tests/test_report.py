@@ -136,6 +136,16 @@ def ladder_records(scene: str) -> list[dict]:
     return found
 
 
+def ray_count_records(scene: str) -> list[dict]:
+    """Few rays cost more each than many; those of figure 1 are the third point."""
+    found = []
+    for rays, dearer in ((RAYS // 16, 1.6), (RAYS // 4, 1.2), (RAYS * 4, 0.95)):
+        found.append(deferred(scene, walk=dearer, work=dearer, rays=rays))
+        found.append(one_record(scene, "embree", None, {"total": EMBREE[scene]}, options={"robust": "true"},
+                                grid=None, rays=rays))
+    return found
+
+
 def make_folder(folder, records: list[dict], views=()) -> None:
     """An output folder as a sweep leaves it."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -156,6 +166,7 @@ def paper_folder(folder, scenes=tuple(SIZES)):
     records = [one for scene in scenes for one in scene_records(scene)]
     records += [one for scene in scenes for one in resolution_records(scene)]
     records += [one for scene in scenes for one in ladder_records(scene)]
+    records += [one for scene in scenes for one in ray_count_records(scene)]
     records.append(deferred("crown", options={"compaction": "broken"}, wrong=17))
     make_folder(folder, records, [*(name for name in scenes if name != "crown"), "sponza-stand-in"])
     error = {"id": "feedfeedfeedfeed", "scene": "crown", "run": "crown 8/128 deferred:ray-space:wave=1",

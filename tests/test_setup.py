@@ -11,8 +11,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 REQUIREMENTS = sorted([ROOT / "requirements.txt", *ROOT.glob("scripts/runtimes/*.txt")])
-SCRIPTS = [*sorted(ROOT.glob("scripts/*.sh")), ROOT / ".ci/run"]
-TARGETS = ["setup", "second-device", "reproduce", "test", "test-all", "bench", "lint", "figures", "clean"]
+SCRIPTS = [*sorted(ROOT.glob("scripts/**/*.sh")), ROOT / ".ci/run"]
+TARGETS = ["setup", "second-device", "reproduce", "carry", "test", "test-all", "bench", "lint", "figures", "clean"]
 # Spelt in pieces, so that this file does not name what it forbids.
 REGISTRY_HOSTS = re.compile(
     "|".join(re.escape(name + end) for name, end in [

@@ -63,3 +63,19 @@ def test_sorting_is_timed_as_arranging(device):
     watch = Stopwatch(device.queue)
     made.trace(random_rays(20_000), watch)
     assert 0 < watch.seconds["arrange"] < watch.seconds["total"]
+
+
+@pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
+def test_the_devices_memory_does_not_grow_with_the_number_of_rays(device, monkeypatch, arrange):
+    setting = setting_of(device, soup())
+    used = {}
+    for batches in (1, 4):
+        made = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"arrange": arrange, "batch": "1000"})
+        rays = random_rays(1000)
+        rays = dataclasses.replace(rays, **{
+            name: np.concatenate([getattr(rays, name)] * batches) for name in ("origins", "directions", "t_max")
+        })  # fmt: skip
+        hits = made.trace(rays, Stopwatch(device.queue))
+        assert len(hits) == 1000 * batches
+        used[batches] = {name: room.nbytes for name, room in made._rooms.items()}
+    assert used[4] == used[1] and used[1]
