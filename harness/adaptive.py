@@ -44,12 +44,14 @@ class AdaptiveGrid(Grid):
 
     `top_block` int32[x*y*z]: first brick << 3 | level of a top cell with 2^level leaf cells per axis, or minus the
     Chebyshev distance in top cells to the next one in use. `cell_size`: of the finest level. `shape`: top cells along
-    x, y, z, and the finest level. `cells`: leaf cells of all top cells in use.
+    x, y, z, and the finest level. `cells`: leaf cells of all top cells in use, `top_counts` int[blocks] the triangles
+    of each.
     """
 
     shape: tuple[int, int, int, int] = (1, 1, 1, 0)
     density: float = DENSITY
     cells: int = 0
+    top_counts: np.ndarray | None = None
 
     @property
     def arguments(self) -> tuple:
@@ -115,6 +117,7 @@ def build_adaptive(scene: DeviceScene, spec: GridSpec, binning: str = "padded") 
         shape=tuple(int(v) for v in builder.shape),
         density=builder.density,
         cells=builder.cells,
+        top_counts=counts[counts > 0],
     )
 
 
