@@ -22,7 +22,6 @@ from harness.intersectors import Intersector
 from harness.sampling import Sample, Work, padding, sample_rays, some_of
 from harness.tracers._base import Setting
 
-AUTO = GridSpec(top=0, leaf=0, reading="auto")
 TOLERANCE = 0.05
 DENSITIES = tuple(DENSITY * 2.0**k for k in range(-3, 4))
 WAVES = ((2, 1), (2, 2), (4, 1), (4, 2), (6, 1), (8, 1), (8, 2), (16, 1))  # wave and growth
@@ -62,8 +61,8 @@ class Candidate:
 class Choice:
     """The grid, the options it goes with, and why in one line.
 
-    `seconds`: sampling and predicting, programs compiled beforehand. `trial_seconds`: building the trial grid, 0 where
-    it is the grid chosen. `candidates`: all that was compared.
+    `seconds`: sampling and predicting, programs compiled beforehand. `trial_seconds`: building the trial grid, 0
+    where it is the grid chosen. `candidates`: all that was compared.
     """
 
     grid: Grid
@@ -75,7 +74,12 @@ class Choice:
 
     def options_for(self, tracer: str, given: dict[str, str]) -> dict[str, str]:
         """Options of a run: those given, and for a deferred tracer what was chosen where nothing was given."""
-        return {**self.options, **given} if tracer == "deferred" else dict(given)
+        if tracer != "deferred":
+            return dict(given)
+        chosen = dict(self.options)
+        if "wave" in given:
+            chosen.pop("growth", None)  # it belongs to the wave that was chosen
+        return {**chosen, **given}
 
     def describe(self) -> dict:
         """For the `grid` part of a record."""
@@ -112,6 +116,22 @@ def choose(
     if taken.density != DENSITY:
         grid, trial_seconds = build_grid(setting.device_scene, spec_of(taken)), trial.build_seconds
     return Choice(grid, taken.options, explain(taken, made), seconds, trial_seconds, tuple(made))
+
+
+def prepare_grid(
+    setting: Setting,
+    rays: Rays,
+    spec: GridSpec,
+    tracer: str,
+    intersector: Intersector,
+    given: dict[str, str] | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> tuple[Grid, Choice | None]:
+    """The grid of a spec, built, and the choice it comes from where the spec is `auto`."""
+    if spec.reading != "auto":
+        return build_grid(setting.device_scene, spec), None
+    choice = choose(setting, rays, tracer, intersector, given, tell)
+    return choice.grid, choice
 
 
 def trial_spec() -> GridSpec:

@@ -1,4 +1,4 @@
-"""Fits the cost model to a device: once for a device, an intersector and a state of the kernels, then kept on file."""
+"""Fits the cost model to a device, once for an intersector and a state of the kernels, and keeps it on file."""
 
 from __future__ import annotations
 

@@ -9,10 +9,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
 
-from harness.data import GridSpec
+from harness.data import AUTO, GridSpec
 from harness.errors import DefrayError, known
 
-READINGS = ("total", "per-cell", "adaptive")
+READINGS = ("total", "per-cell", "adaptive", "auto")
 MOST_RAYS = 1_000_000_000  # a ray set is kept in memory, 28 bytes a ray
 MOST_TOP = 256  # cells per axis of the first level, which is stored whole
 MOST_CELLS = 1 << 16  # leaf cells per axis; beyond, float32 cannot tell neighbours apart
@@ -29,6 +29,10 @@ def check_grid(grid: GridSpec) -> GridSpec:
         raise known("reading", grid.reading, READINGS)
     if grid.reading == "adaptive":
         return _check_adaptive(grid)
+    if grid.reading == "auto":
+        if grid != AUTO:
+            raise DefrayError("a grid that is chosen automatically has no top, leaf or density of its own")
+        return grid
     if grid.density is not None:
         raise DefrayError(f"a density belongs to reading 'adaptive', not to '{grid.reading}'")
     if grid.top < 1 or grid.leaf < 1:
