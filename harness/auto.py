@@ -161,19 +161,18 @@ def candidates(
         for wave, growth in waves(given):
             work, per_wave = sample.deferred_work(wave, growth, at_once)
             for density, finer, size in sizes:
-                whole = _with_bins(model, work, per_wave, sample, trial, finer, at_once, lanes)
+                whole = _with_bins(model, work, per_wave, trial, finer, at_once, lanes)
                 made.append(Candidate(density, wave, growth, batch, model.nanoseconds(whole), size))
     return made
 
 
 def _with_bins(
-    model: CostModel, work: Work, per_wave: np.ndarray, sample: Sample, trial: Grid, finer: float, rays: int,
+    model: CostModel, work: Work, per_wave: np.ndarray, trial: Grid, finer: float, rays: int,
     lanes: int,
 ) -> Work:
     """The work of a setting, its bins counted in."""
     scaled, cells = model.scaled(work, finer), model.factor("nonempty", finer)
-    in_use = min(sample.cells_in_use, trial.nonempty) * cells
-    empty = model.padding * padding(per_wave * rays, in_use, lanes) / rays
+    empty = model.padding * padding(per_wave * rays, trial.nonempty * cells, lanes) / rays
     return replace(
         scaled,
         slots=scaled.pairs + empty,

@@ -26,7 +26,7 @@ from harness.tracers._base import Setting
 
 SCENES = ("sponza", "conference")  # as stand-ins, which are at hand everywhere
 DENSITIES = (0.075, 0.3, 1.2)
-RAYS = 1 << 18
+RAYS = 1 << 20  # of fewer, more of the time goes into reading triangles for the first time
 REPETITIONS = 3
 FAST = {"arrange": "record", "pairs": "copy"}  # deferred options that the model is fitted with
 SETTINGS = {
@@ -49,7 +49,7 @@ def cost_model(
     with contextlib.suppress(OSError, ValueError):
         return CostModel.model_validate_json(file.read_text())
     if tell:
-        tell(f"fitting the cost model of {tracer}:{intersector.name} to this device, once")
+        tell(f"fitting the cost model of {tracer}:{intersector.name} to this device, once; a minute or two")
     model = fit(tracer, measured_runs(device, tracer, intersector, _calibration_scenes()))
     partial = file.with_name(f"{file.name}.{os.getpid()}")
     with contextlib.suppress(OSError):  # a cache that cannot be written costs time, no more
@@ -120,7 +120,7 @@ def _on_grid(setting: Setting, tracer: str, intersector: Intersector, rays: Rays
         if tracer == "deferred":
             wave, growth = int(options["wave"]), int(options.get("growth", 1))
             _, per_wave = sample.deferred_work(wave, growth, len(rays))
-            empty = padding(per_wave * len(rays), sample.cells_in_use, one.lanes) / len(rays)
+            empty = padding(per_wave * len(rays), grid.nonempty, one.lanes) / len(rays)
             run = replace(run, predicted_padding=empty)
         runs.append(run)
     return runs

@@ -55,12 +55,11 @@ def counted_work(counters: Counters, rays: int, nonempty: int) -> Work:
 class Sample:
     """Sampled rays in one grid.
 
-    `cells`, `references`, `steps` int32[n, SLOTS]: the non-empty cells of each ray, the references in each, and the
-    steps up to each; `found` int32[n] of them are filled. `needed`, `needed_steps`, `needed_tests` int32[n]: up to
-    the hit, or to where the ray leaves the grid. `end_steps` int32[n]: up to the end of the walk.
+    `references`, `steps` int32[n, SLOTS]: the references in each non-empty cell of a ray, and the steps up to it;
+    `found` int32[n] of them are filled. `needed`, `needed_steps`, `needed_tests` int32[n]: up to the hit, or to where
+    the ray leaves the grid. `end_steps` int32[n]: up to the end of the walk.
     """
 
-    cells: np.ndarray
     references: np.ndarray
     steps: np.ndarray
     found: np.ndarray
@@ -78,15 +77,6 @@ class Sample:
         filled = np.arange(SLOTS) < self.found[:, None]
         sums = np.cumsum(np.where(filled, self.references, 0), axis=1)
         return np.concatenate([np.zeros((len(self), 1), np.int64), sums], axis=1)
-
-    @cached_property
-    def cells_in_use(self) -> float:
-        """How many cells the rays spread over, as seen by how often two sampled rays meet the same one."""
-        filled = np.arange(SLOTS) < np.minimum(self.found, self.needed)[:, None]
-        counts = np.bincount(self.cells[filled])
-        pairs = counts.sum()
-        meetings = float((counts * (counts - 1.0)).sum())
-        return pairs * (pairs - 1.0) / max(meetings, 1.0)
 
     def forward_work(self) -> Work:
         """The work of rays that test cell by cell and halt at the hit."""
@@ -147,7 +137,7 @@ def sample_rays(tracer: DeviceTracer, rays: Rays) -> Sample:
     queue, batch = tracer.device.queue, Batch(tracer.device, rays)
     tracer.start(batch)
     grid: Grid = tracer.grid
-    lists = [cl.array.empty(queue, batch.count * SLOTS, np.int32) for _ in range(3)]
+    lists = [cl.array.empty(queue, batch.count * SLOTS, np.int32) for _ in range(2)]
     numbers = [cl.array.empty(queue, batch.count, np.int32) for _ in range(5)]
     program = tracer.program("sample.cl", grid=True)
     program.launch(
