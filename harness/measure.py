@@ -237,5 +237,6 @@ def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
         "agreement": agreement.to_record(),
         "hits": int((run.hits.primitive >= 0).sum()),
         "hits_sha256": hits_hash(run.hits),
+        "hierarchy_build_seconds": getattr(tracer, "build_seconds", None),
         "valid": agreement.valid,
     }

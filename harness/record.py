@@ -181,7 +181,10 @@ class Provenance(Part):
 
 
 class Record(Provenance):
-    """One run as stored. A run that is not valid has no rate."""
+    """One run as stored. A run that is not valid has no rate.
+
+    `hierarchy_build_seconds`: of Embree's bounding volume hierarchy, wall clock; None for tracers that have none.
+    """
 
     view: str | None
     rays: RayFacts
@@ -197,6 +200,7 @@ class Record(Provenance):
     agreement: Agreement
     hits: int | None = None
     hits_sha256: str | None = None
+    hierarchy_build_seconds: float | None = None
     valid: bool
 
     @model_validator(mode="after")
