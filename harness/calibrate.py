@@ -21,13 +21,13 @@ from harness.intersectors import Intersector
 from harness.program import KERNELS
 from harness.rays import make_rays
 from harness.sampling import counted_work, padding, sample_rays, some_of
-from harness.stopwatch import Stopwatch
+from harness.stopwatch import CpuStopwatch, Stopwatch
 from harness.tracers._base import Setting
 
 SCENES = ("sponza", "conference")  # as stand-ins, which are at hand everywhere
 DENSITIES = (0.075, 0.3, 1.2)
 RAYS = 1 << 20  # of fewer, more of the time goes into reading triangles for the first time
-REPETITIONS = 3
+REPETITIONS = 2
 FAST = {"arrange": "record", "pairs": "copy"}  # deferred options that the model is fitted with
 SETTINGS = {
     "deferred": [{**FAST, "wave": "2"}, {**FAST, "wave": "4"}, {**FAST, "wave": "8", "growth": "2"}],
@@ -88,7 +88,7 @@ def _calibration_scenes() -> tuple[tuple, ...]:
 
 
 def measured_runs(device: Device, tracer: str, intersector: Intersector, scenes: Sequence[tuple]) -> list[Run]:
-    """Runs of every scene, density and setting, repetitions interleaved; the shortest of each stage counts."""
+    """Runs of every scene, density and setting, repetitions interleaved; the shortest of each counts."""
     runs = []
     for scene, rays in scenes:
         setting = Setting.on_device(scene, device)
@@ -98,15 +98,20 @@ def measured_runs(device: Device, tracer: str, intersector: Intersector, scenes:
     return runs
 
 
+def stopwatch(device: Device) -> Stopwatch:
+    """One that other work on the machine disturbs little."""
+    return CpuStopwatch(device) if device.is_cpu else Stopwatch(device.queue)
+
+
 def _on_grid(setting: Setting, tracer: str, intersector: Intersector, rays: Rays) -> list[Run]:
     kind, grid = tracers.find(tracer), setting.grid
     made = [(kind(setting, intersector, options), options) for options in SETTINGS[tracer]]
     for one, _ in made:
-        one.trace(rays, Stopwatch(setting.device.queue))
+        one.trace(rays, stopwatch(setting.device))
     times: list[list[dict]] = [[] for _ in made]
     for _ in range(REPETITIONS):
         for (one, _), taken in zip(made, times, strict=True):
-            watch = Stopwatch(setting.device.queue)
+            watch = stopwatch(setting.device)
             one.trace(rays, watch)
             taken.append(dict(watch.seconds))
     sample = sample_rays(made[0][0], some_of(rays))

@@ -67,5 +67,5 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     return ("The fastest run of each tracer on each scene's main workload, with the time to build its grid or "
             "Embree's hierarchy, the shortest on record (a process's first build also compiles the builder's "
             "kernels). Rays until ahead: from that number of rays on, building and tracing take deferred tracing "
-            "less time than the other; 0: from the first ray, inf: never. Choosing a grid and building one on trial are "
-            "not included.")
+            "less time than the other; 0: from the first ray, inf: never. Choosing a grid and building one on trial "
+            "are not included.")
