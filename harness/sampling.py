@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -117,14 +118,19 @@ def wave_ends(wave: int, growth: int, longest: int) -> np.ndarray:
 
 def padding(pairs: np.ndarray, cells: float, lanes: int) -> float:
     """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave spread over `cells`."""
-    if lanes == 1:
-        return 0.0
-    mean = np.maximum(pairs / cells, 1e-9)[:, None]
+    means, unused = _unused_slots(lanes)
+    return float(cells * np.interp(np.log(np.maximum(pairs / cells, 1e-12)), means, unused).sum())
+
+
+@functools.cache
+def _unused_slots(lanes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of mean pairs in a bin, float64[m], and the unused slots expected there, by Poisson's law."""
+    means = np.linspace(math.log(1e-12), math.log(1e3), 2000)
     held = np.arange(4 * lanes)
-    factorials = np.array([math.lgamma(c + 1.0) for c in held])
-    chance = np.exp(held * np.log(mean) - mean - factorials)  # of a bin to hold so many pairs, by Poisson's law
-    rest = np.maximum(1.0 - chance.sum(axis=1), 0.0)
-    return float(cells * (chance @ (-held % lanes) + rest * (lanes - 1) / 2).sum())
+    factorials = np.array([math.lgamma(count + 1.0) for count in held])
+    chance = np.exp(held * means[:, None] - np.exp(means)[:, None] - factorials)
+    rest = np.maximum(1.0 - chance.sum(axis=1), 0.0)  # of bins with more: any remainder is as likely
+    return means, chance @ (-held % lanes) + rest * (lanes - 1) / 2
 
 
 def some_of(rays: Rays, count: int = SAMPLE_RAYS) -> Rays:
