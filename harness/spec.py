@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_valid
 from harness.data import AUTO, GridSpec
 from harness.errors import DefrayError, known
 
-READINGS = ("total", "per-cell", "adaptive", "auto")
+READINGS = ("total", "per-cell", "adaptive")
 MOST_RAYS = 1_000_000_000  # a ray set is kept in memory, 28 bytes a ray
 MOST_TOP = 256  # cells per axis of the first level, which is stored whole
 MOST_CELLS = 1 << 16  # leaf cells per axis; beyond, float32 cannot tell neighbours apart
@@ -25,14 +25,12 @@ Check = Literal["embree", "exact", "none"]
 
 def check_grid(grid: GridSpec) -> GridSpec:
     """`grid` itself; raises DefrayError for a resolution that makes no grid."""
+    if grid == AUTO:
+        return grid
     if grid.reading not in READINGS:
         raise known("reading", grid.reading, READINGS)
     if grid.reading == "adaptive":
         return _check_adaptive(grid)
-    if grid.reading == "auto":
-        if grid != AUTO:
-            raise DefrayError("a grid that is chosen automatically has no top, leaf or density of its own")
-        return grid
     if grid.density is not None:
         raise DefrayError(f"a density belongs to reading 'adaptive', not to '{grid.reading}'")
     if grid.top < 1 or grid.leaf < 1:

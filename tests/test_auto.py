@@ -199,5 +199,5 @@ def test_a_grid_said_twice_is_refused(fields):
 
 
 def test_an_automatic_grid_with_a_resolution_is_refused():
-    with pytest.raises(DefrayError, match="no top"):
+    with pytest.raises(DefrayError, match="unknown reading"):
         check_grid(GridSpec(8, 128, "auto"))
