@@ -26,7 +26,8 @@ from harness.tracers._base import Setting
 
 SCENES = ("sponza", "conference")  # as stand-ins, which are at hand everywhere
 DENSITIES = (0.075, 0.3, 1.2)
-RAYS = 1 << 20  # of fewer, more of the time goes into reading triangles for the first time
+# Deferred, of fewer rays more of the time goes into reading triangles for the first time.
+RAYS = {"deferred": 1 << 20, "forward": 1 << 16}
 REPETITIONS = 2
 FAST = {"arrange": "record", "pairs": "copy"}  # deferred options that the model is fitted with
 SETTINGS = {
@@ -50,7 +51,7 @@ def cost_model(
         return CostModel.model_validate_json(file.read_text())
     if tell:
         tell(f"fitting the cost model of {tracer}:{intersector.name} to this device, once; a minute or two")
-    model = fit(tracer, measured_runs(device, tracer, intersector, _calibration_scenes()))
+    model = fit(tracer, measured_runs(device, tracer, intersector, _calibration_scenes(RAYS[tracer])))
     partial = file.with_name(f"{file.name}.{os.getpid()}")
     with contextlib.suppress(OSError):  # a cache that cannot be written costs time, no more
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -78,13 +79,13 @@ def kernels_digest() -> str:
 
 
 @functools.cache
-def _calibration_scenes() -> tuple[tuple, ...]:
-    """Scenes and their rays."""
+def _calibration_scenes(rays: int) -> tuple[tuple, ...]:
+    """Scenes and that many rays of each."""
     from harness.scene import stand_in_scene
     from scenes import recipes
 
     made = [stand_in_scene(recipes()[name]) for name in SCENES]
-    return tuple((scene, make_rays(scene, "diffuse", RAYS)) for scene in made)
+    return tuple((scene, make_rays(scene, "diffuse", rays)) for scene in made)
 
 
 def measured_runs(device: Device, tracer: str, intersector: Intersector, scenes: Sequence[tuple]) -> list[Run]:

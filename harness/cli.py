@@ -59,8 +59,8 @@ GridOption = Annotated[
     str | None,
     typer.Option(
         metavar="GRID",
-        help="'auto': density, wave and batch by a cost model, for the scene, the rays, the device and the first "
-        "variant; or a grid in one text: '8/128', 'adaptive density=0.3'.",
+        help="'auto': density, wave and batch by a cost model, for the scene, the rays, the device and the "
+        "deferred variant, if there is one; or a grid in one text: '8/128', 'adaptive density=0.3'.",
     ),
 ]
 RepetitionsOption = Annotated[int, typer.Option(min=1, help="Timed repetitions.")]

@@ -61,7 +61,8 @@ class Group:
         self.setting, self.choice = self.shared.setting, None
         walking = [spec for spec in specs if tracers.find(spec.variant.tracer).needs_grid]
         if walking:
-            self._build_grid(walking[0])
+            # One and the same of them, whatever order a sweep has drawn.
+            self._build_grid(min(walking, key=lambda spec: (spec.variant.tracer != "deferred", str(spec.variant))))
         self.seed = int(first.id, 16)
 
     def tell(self, spec: RunSpec | None, stage: str, done: float) -> None:
@@ -69,7 +70,7 @@ class Group:
         self._progress(Progress(spec, stage, done))
 
     def _build_grid(self, spec: RunSpec) -> None:
-        """Build the grid that all runs of the group share; of `auto`, for the first that walks one."""
+        """Build the grid that all runs of the group share; of `auto`, for the run `spec`."""
         variant = spec.variant
         grid, self.choice = prepare_grid(
             self.setting, self.rays, spec.grid, variant.tracer, intersectors.find(variant.intersector or ""),

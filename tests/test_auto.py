@@ -160,7 +160,7 @@ def test_a_trace_on_a_chosen_grid_has_the_hits_of_any_other(device):
 
 def test_the_model_is_kept_on_file_and_another_state_of_the_kernels_is_another_file(device, tmp_path, monkeypatch):
     monkeypatch.setenv("DEFRAY_CACHE", str(tmp_path))
-    monkeypatch.setattr(calibrate, "_calibration_scenes", lambda: ())
+    monkeypatch.setattr(calibrate, "_calibration_scenes", lambda _: ())
     monkeypatch.setattr(calibrate, "measured_runs", lambda *_: made_up_runs(MODEL))
     heard = []
     first = calibrate.cost_model(device, "deferred", TEST, heard.append)
@@ -173,11 +173,8 @@ def test_the_model_is_kept_on_file_and_another_state_of_the_kernels_is_another_f
 
 
 @pytest.mark.slow
-def test_fitting_to_a_device_predicts_its_own_runs(device, monkeypatch):
-    monkeypatch.setattr(calibrate, "RAYS", 1 << 17)
-    calibrate._calibration_scenes.cache_clear()
-    runs = calibrate.measured_runs(device, "deferred", TEST, calibrate._calibration_scenes())
-    calibrate._calibration_scenes.cache_clear()
+def test_fitting_to_a_device_predicts_its_own_runs(device):
+    runs = calibrate.measured_runs(device, "deferred", TEST, calibrate._calibration_scenes(1 << 17))
     model = fit("deferred", runs)
     ratios = [model.nanoseconds(run.work) * 1e-9 * run.rays / run.seconds["total"] for run in runs]
     assert np.median(np.abs(np.log(ratios))) < 0.3
