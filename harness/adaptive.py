@@ -47,12 +47,14 @@ class AdaptiveGrid(Grid):
     `top_block` int32[x*y*z]: first leaf cell << 3 | level of a top cell with 2^level leaf cells per axis, or negative
     where it is empty. `leaves` int32[cells]: a leaf cell's number among the non-empty ones, or negative. Negative
     entries hold how far empty space goes, for each octant (kernels/walk_adaptive.clh). `cell_size`: of the finest
-    level. `shape`: top cells along x, y, z, and the finest level. `cells`: leaf cells of all top cells in use.
+    level. `shape`: top cells along x, y, z, and the finest level. `cells`: leaf cells of all top cells in use,
+    `top_counts` int[blocks] the triangles of each.
     """
 
     shape: tuple[int, int, int, int] = (1, 1, 1, 0)
     density: float = DENSITY
     cells: int = 0
+    top_counts: np.ndarray | None = None
 
     @property
     def arguments(self) -> tuple:
@@ -114,6 +116,7 @@ def build_adaptive(scene: DeviceScene, spec: GridSpec, binning: str = "padded") 
         shape=tuple(int(v) for v in builder.shape),
         density=builder.density,
         cells=builder.cells,
+        top_counts=counts[counts > 0],
     )
 
 

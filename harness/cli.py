@@ -55,6 +55,14 @@ ReadingOption = Annotated[
         "'adaptive': at most so many inside a top cell, by its number of triangles."
     ),
 ]
+GridOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="GRID",
+        help="'auto': density, wave and batch by a cost model, for the scene, the rays, the device and the "
+        "deferred variant, if there is one; or a grid in one text: '8/128', 'adaptive density=0.3'.",
+    ),
+]
 RepetitionsOption = Annotated[int, typer.Option(min=1, help="Timed repetitions.")]
 CheckOption = Annotated[
     str, typer.Option(help="Compare hits with 'embree' or with 'exact' arithmetic, or 'none' (no check).")
@@ -75,7 +83,7 @@ app.add_typer(scenes_app, name="scenes")
 @app.command(
     epilog="Examples:  [bold]defray trace sponza --rays 64k[/bold]   "
     "[bold]defray trace dragon.ply --tracer forward --check exact[/bold]   "
-    "[bold]defray trace crown --option wave=8 --json[/bold]"
+    "[bold]defray trace crown --grid auto --json[/bold]"
 )
 def trace(
     scene: SceneArgument,
@@ -110,6 +118,7 @@ def trace(
     leaf: LeafOption = None,
     reading: ReadingOption = "total",
     density: DensityOption = None,
+    grid: GridOption = None,
     repetitions: RepetitionsOption = 3,
     check: CheckOption = "embree",
     device: DeviceOption = None,
@@ -126,8 +135,8 @@ def trace(
     common = _common(rays, kind, seed, view, repetitions, check)
     if ray_file is not None:
         common |= {"kind": "file", "ray_file": ray_file}
-    grid = make_grid(top, leaf, reading, density)
-    specs = list(interleaved(scene, [Variant.parse(text)], [grid], **common))
+    chosen = make_grid(top, leaf, reading, density, grid)
+    specs = list(interleaved(scene, [Variant.parse(text)], [chosen], **common))
     record = _measure(specs, device)[0]
     if json:
         _print_json(record)
@@ -158,6 +167,7 @@ def compare(
     leaf: LeafOption = None,
     reading: ReadingOption = "total",
     density: DensityOption = None,
+    grid: GridOption = None,
     repetitions: RepetitionsOption = 5,
     check: CheckOption = "embree",
     device: DeviceOption = None,
@@ -171,7 +181,7 @@ def compare(
 
     if len(variants) < 2:
         raise DefrayError("compare needs two variants or more, as in: defray compare deferred forward")
-    grid = make_grid(top, leaf, reading, density)
+    chosen = make_grid(top, leaf, reading, density, grid)
     common = _common(rays, kind, seed, view, repetitions, check)
     parsed = [Variant.parse(text) for text in variants]
     named = list(dict.fromkeys(name.strip() for name in scenes.split(",") if name.strip()))
@@ -179,7 +189,7 @@ def compare(
         raise DefrayError(f"--scenes '{scenes}' names no scene")
     for name in named:
         check_name(name)
-    groups = [list(interleaved(name, parsed, [grid], **common)) for name in named]
+    groups = [list(interleaved(name, parsed, [chosen], **common)) for name in named]
     if any(len({spec.id for spec in group}) < len(group) for group in groups):
         raise DefrayError("the same variant is named twice")
     results = [comparison(group, _measure(group, device)) for group in groups]

@@ -60,6 +60,8 @@ class GridSpec:
     `reading='adaptive'`: every top cell has its own number of leaf cells. Then `top` counts the cells along the
     longest axis, 0 for a number from the triangle count; `leaf`, a power of two, is the most leaf cells per axis in
     a top cell; `density` is the number of leaf cells wanted per triangle of a top cell, None for the default.
+
+    `reading='auto'` (AUTO): an adaptive grid that a cost model chooses when scene, rays and device are known.
     """
 
     top: int = 8
@@ -78,11 +80,16 @@ class GridSpec:
         return self.top * self.leaf_per_top
 
     def __str__(self) -> str:
+        if self.reading == "auto":
+            return "auto"
         if self.reading == "adaptive":
             shown = {"top": self.top or None, "leaf": self.leaf, "density": self.density}
             shown["leaf"] = None if self.leaf == ADAPTIVE_LEAF else self.leaf
             return " ".join(["adaptive", *(f"{key}={value:g}" for key, value in shown.items() if value is not None)])
         return f"{self.top}/{self.leaf} {self.reading}"
+
+
+AUTO = GridSpec(top=0, leaf=0, reading="auto")
 
 
 @dataclass(frozen=True, eq=False)

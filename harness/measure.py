@@ -11,11 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from harness import intersectors, stats, tracers
+from harness.auto import Choice, prepare_grid
 from harness.check import Agreement, Checker
 from harness.data import STAGES, Counters, Hits, Rays, Samples, Scene, differing
 from harness.embree import EmbreeScene
 from harness.exact import zero_area
-from harness.grid import build_grid
+from harness.grid import Grid
 from harness.ladder import LARGE, check_memory
 from harness.rays import make_rays
 from harness.scene import expected_triangles, load_scene
@@ -39,6 +40,7 @@ class Run:
 
     spec: RunSpec
     tracer: Tracer
+    options: dict[str, str]
     samples: Samples = field(default_factory=Samples)
     hits: Hits | None = None
     unstable: int = 0  # rays whose hits changed from one repetition to the next
@@ -56,22 +58,34 @@ class Group:
         self.tell(None, "rays", 0.05)
         self.rays = self.shared.rays(first)
         self.tell(None, "building grid", 0.1)
-        self.setting = self.shared.setting
-        if any(tracers.find(spec.variant.tracer).needs_grid for spec in specs):
-            self.setting = dataclasses.replace(
-                self.setting, grid=build_grid(self.shared.setting.device_scene, first.grid)
-            )
+        self.setting, self.choice = self.shared.setting, None
+        walking = [spec for spec in specs if tracers.find(spec.variant.tracer).needs_grid]
+        if walking:
+            # One and the same of them, whatever order a sweep has drawn.
+            self._build_grid(min(walking, key=lambda spec: (spec.variant.tracer != "deferred", str(spec.variant))))
         self.seed = int(first.id, 16)
 
     def tell(self, spec: RunSpec | None, stage: str, done: float) -> None:
         """Report progress."""
         self._progress(Progress(spec, stage, done))
 
+    def _build_grid(self, spec: RunSpec) -> None:
+        """Build the grid that all runs of the group share; of `auto`, for the run `spec`."""
+        variant = spec.variant
+        grid, self.choice = prepare_grid(
+            self.setting, self.rays, spec.grid, variant.tracer, intersectors.find(variant.intersector or ""),
+            variant.options, lambda what: self.tell(None, what, 0.1),
+        )  # fmt: skip
+        self.setting = dataclasses.replace(self.setting, grid=grid)
+
     def open_run(self, spec: RunSpec) -> Run:
         """The tracer of one run, its options validated."""
         kind = tracers.find(spec.variant.tracer)
         test = intersectors.find(spec.variant.intersector or "") if kind.needs_intersector else None
-        return Run(spec, kind(self.setting, test, spec.variant.options))
+        options = spec.variant.options
+        if self.choice:
+            options = self.choice.options_for(kind.name, options)
+        return Run(spec, kind(self.setting, test, options), options)
 
     def stopwatch(self, run: Run) -> Stopwatch:
         """A new stopwatch on the run's device."""
@@ -202,6 +216,11 @@ def scene_facts(scene: Scene) -> dict:
     }
 
 
+def describe_grid(grid: Grid, choice: Choice | None) -> dict:
+    """The `grid` part of a record, and why it was chosen, where it was."""
+    return {**grid.describe(), **(choice.describe() if choice else {})}
+
+
 def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
     """The body of a record: everything but identity, time and machine."""
     scene, rays, spec, tracer = group.shared.scene, group.rays, run.spec, run.tracer
@@ -209,15 +228,16 @@ def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
         "scene": scene_facts(scene),
         "view": None if rays.kind in ("random", "file") else spec.view or scene.views[0].name,
         "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
-        "grid": group.setting.grid.describe() if tracer.needs_grid else None,
+        "grid": describe_grid(group.setting.grid, group.choice) if tracer.needs_grid else None,
         "tracer": tracer.name,
         "intersector": run.tracer.intersector.name if run.tracer.intersector else None,
-        "options": spec.variant.options,
+        "options": run.options,
         "samples": dataclasses.asdict(run.samples),
         "rate": stats.rates(run.samples, len(rays), agreement.valid),
         "counters": dataclasses.asdict(run.counters),
         "agreement": agreement.to_record(),
         "hits": int((run.hits.primitive >= 0).sum()),
         "hits_sha256": hits_hash(run.hits),
+        "hierarchy_build_seconds": getattr(tracer, "build_seconds", None),
         "valid": agreement.valid,
     }

@@ -23,17 +23,19 @@ def trace(
 ) -> Hits:
     """First hits of `rays` in `scene`.
 
-    `grid` is a GridSpec, or `auto` for `grid.auto_spec`. `device` is an opened Device, a part of a device's name,
-    or None for the default. `options` are the tracer's. Raises DefrayError for unknown names, bad rays, a grid
-    that does not fit, or no device.
+    `grid` is a GridSpec, or a text that `plan.parse_grid` reads; `auto`, the default, chooses it and the deferred
+    tracer's wave and batch by a cost model, which is fitted to the device when it is first needed. `device` is an
+    opened Device, a part of a device's name, or None for the default. `options` are the tracer's. Raises DefrayError
+    for unknown names, bad rays, a grid that does not fit, or no device.
     """
     from harness import tracers
+    from harness.auto import prepare_grid
     from harness.device import Device, open_device
-    from harness.grid import auto_spec, build_grid
     from harness.intersectors import find
+    from harness.plan import parse_grid
     from harness.rays import checked
     from harness.stopwatch import Stopwatch
-    from harness.tracers._base import Setting
+    from harness.tracers._base import Setting, parse_options
 
     kind = tracers.find(tracer)
     test = find(intersector) if kind.needs_intersector else None
@@ -41,12 +43,14 @@ def trace(
     if kind.needs_device:
         device = device if isinstance(device, Device) else open_device(device)
         setting = Setting.on_device(scene, device)
+    named, rays = {name: str(value) for name, value in options.items()}, checked(rays)
     if kind.needs_grid:
-        spec = auto_spec(len(scene)) if grid == "auto" else grid
-        setting = replace(setting, grid=build_grid(setting.device_scene, spec))
-    named = {name: str(value) for name, value in options.items()}
+        parse_options(kind, named)
+        spec = parse_grid(grid) if isinstance(grid, str) else grid
+        built, choice = prepare_grid(setting, rays, spec, kind.name, test, named)
+        setting, named = replace(setting, grid=built), choice.options_for(kind.name, named) if choice else named
     watch = Stopwatch(device.queue if kind.needs_device else None)
-    return kind(setting, test, named).trace(checked(rays), watch)
+    return kind(setting, test, named).trace(rays, watch)
 
 
 def run_group(

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from harness.data import ADAPTIVE_LEAF, GridSpec
+from harness.data import ADAPTIVE_LEAF, AUTO, GridSpec
 from harness.errors import DefrayError, known
 from harness.ladder import SIZES
 from harness.record import first_problem
@@ -38,14 +38,17 @@ def parse_count(text: str | int) -> int:
 
 
 def parse_grid(text: str) -> GridSpec:
-    """`8/128`, `8/128 per-cell`, `adaptive` or `adaptive density=0.3 top=64 leaf=16` as a checked GridSpec."""
+    """`8/128`, `8/128 per-cell`, `adaptive`, `adaptive density=0.3 top=64` or `auto` as a checked GridSpec."""
     first, *fields = text.split() or [""]
+    if text.strip() == "auto":
+        return AUTO
     if first == "adaptive":
         return _parse_adaptive(text, fields)
     match = re.fullmatch(r"(\d+)/(\d+)(?:\s+([a-z-]+))?", text.strip())
     if not match:
         raise DefrayError(
-            f"'{text}' is not a grid; write top/leaf and a reading, as in '8/128 total', or 'adaptive density=0.3'"
+            f"'{text}' is not a grid; write top/leaf and a reading, as in '8/128 total', or "
+            "'adaptive density=0.3', or 'auto'"
         )
     return check_grid(GridSpec(int(match[1]), int(match[2]), match[3] or "total"))
 
@@ -63,9 +66,17 @@ def _parse_adaptive(text: str, fields: Sequence[str]) -> GridSpec:
 
 
 def make_grid(
-    top: int | None = None, leaf: int | None = None, reading: str = "total", density: float | None = None
+    top: int | None = None,
+    leaf: int | None = None,
+    reading: str = "total",
+    density: float | None = None,
+    grid: str | None = None,
 ) -> GridSpec:
-    """A checked GridSpec; what is None takes the default of the reading."""
+    """A checked GridSpec; what is None takes the default of the reading. `grid`: the same in one text, alone."""
+    if grid is not None:
+        if (top, leaf, reading, density) != (None, None, "total", None):
+            raise DefrayError(f"grid '{grid}' says all of --top, --leaf, --reading and --density; leave them out")
+        return parse_grid(grid)
     usual = (0, ADAPTIVE_LEAF) if reading == "adaptive" else (8, 128)
     return check_grid(
         GridSpec(usual[0] if top is None else top, usual[1] if leaf is None else leaf, reading, density)

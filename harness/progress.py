@@ -25,7 +25,7 @@ CHECK_SECONDS = 1.5e-6  # making a ray and checking its hit
 
 def group_name(spec: RunSpec) -> str:
     """Scene and grid of a run, for people."""
-    if spec.grid and spec.grid.reading == "adaptive":
+    if spec.grid and spec.grid.reading in ("adaptive", "auto"):
         return f"{spec.scene} {spec.grid}"
     return f"{spec.scene} {spec.grid.top}/{spec.grid.leaf}" if spec.grid else spec.scene
 
@@ -45,7 +45,7 @@ def guessed_seconds(spec: RunSpec, triangles: int) -> float:
         # A fixed grid gets more triangles a cell as scenes grow; a tree's depth hardly does.
         growth = 0.15 if tracer == "embree" else 0.5
         per_ray = RAY_SECONDS.get(tracer, 2.0e-6) * (triangles / 300_000) ** growth
-        if spec.grid and spec.grid.reading != "adaptive" and tracer != "embree":
+        if spec.grid and spec.grid.reading not in ("adaptive", "auto") and tracer != "embree":
             per_ray *= max(128 / spec.grid.resolution, 0.5)
     return 0.5 + spec.rays * ((spec.repetitions + 2) * per_ray + CHECK_SECONDS)
 

@@ -74,6 +74,7 @@ class GridFacts(Part):
     """Resolution and size of the grid; `bytes` is the whole grid's, `build_seconds` wall clock.
 
     Of an adaptive grid alone: `density`, leaf cells wanted per triangle, and `resolution`, top cells along x, y, z.
+    Of one that was chosen: why, the seconds of choosing and of building the grid on trial (0: it is the one chosen).
     """
 
     top: int
@@ -86,11 +87,14 @@ class GridFacts(Part):
     build_seconds: float
     density: float | None = None
     resolution: list[int] | None = None
+    chosen: str | None = None
+    choosing_seconds: float | None = None
+    trial_build_seconds: float | None = None
 
     @model_serializer(mode="wrap")
     def _without_absent(self, serialize) -> dict:
         """Grids of one leaf resolution have neither key."""
-        optional = ("density", "resolution")
+        optional = ("density", "resolution", "chosen", "choosing_seconds", "trial_build_seconds")
         return {key: value for key, value in serialize(self).items() if key not in optional or value is not None}
 
 
@@ -177,7 +181,10 @@ class Provenance(Part):
 
 
 class Record(Provenance):
-    """One run as stored. A run that is not valid has no rate."""
+    """One run as stored. A run that is not valid has no rate.
+
+    `hierarchy_build_seconds`: of Embree's bounding volume hierarchy, wall clock; None for tracers that have none.
+    """
 
     view: str | None
     rays: RayFacts
@@ -193,6 +200,7 @@ class Record(Provenance):
     agreement: Agreement
     hits: int | None = None
     hits_sha256: str | None = None
+    hierarchy_build_seconds: float | None = None
     valid: bool
 
     @model_validator(mode="after")

@@ -61,6 +61,8 @@ def _record_rows(record: dict):
                 f"built in {grid['build_seconds']:.2f} s"
             ),
         )
+        if grid.get("chosen"):
+            yield "chosen", f"{escape(grid['chosen'])}; chosen in {1e3 * grid['choosing_seconds']:.0f} ms"
     options = " ".join(f"{key}={value}" for key, value in record["options"].items())
     tracer = ":".join(part for part in (record["tracer"], record["intersector"]) if part)
     yield "tracer", escape(f"{tracer} {options}".strip())
@@ -112,6 +114,8 @@ def comparison_table(result: dict) -> Table:
     table = Table(title=escape(title), box=None, title_justify="left")
     for name in ("variant", "Mrays/s", "ratio", "p", "tests a ray", "agreement"):
         table.add_column(name, overflow="fold")
+    chosen = next((r["grid"]["chosen"] for r in result["records"] if r["grid"] and r["grid"].get("chosen")), None)
+    table.caption, table.caption_justify = chosen and escape(f"grid chosen: {chosen}"), "left"
     for row, record in zip(result["rows"], result["records"], strict=True):
         ratio = "1 (base)" if row["valid"] and row["variant"] == result["base"] else "–"
         table.add_row(

@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
 
-from harness.data import GridSpec
+from harness.data import AUTO, GridSpec
 from harness.errors import DefrayError, known
 
 READINGS = ("total", "per-cell", "adaptive")
@@ -25,6 +25,8 @@ Check = Literal["embree", "exact", "none"]
 
 def check_grid(grid: GridSpec) -> GridSpec:
     """`grid` itself; raises DefrayError for a resolution that makes no grid."""
+    if grid == AUTO:
+        return grid
     if grid.reading not in READINGS:
         raise known("reading", grid.reading, READINGS)
     if grid.reading == "adaptive":

@@ -36,6 +36,11 @@ class Embree(Tracer):
         """The hierarchy, built on first use."""
         return EmbreeScene(self.setting.scene.triangles, robust=self.options.robust)
 
+    @property
+    def build_seconds(self) -> float:
+        """Wall clock of building the hierarchy."""
+        return self.scene.build_seconds
+
     def trace(self, rays: Rays, watch: Stopwatch) -> Hits:
         """First hits; host memory to host memory."""
         scene, threads = self.scene, self.options.threads or len(os.sched_getaffinity(0))

@@ -1,0 +1,155 @@
+"""What a few thousand rays of a set meet in a grid, and the work of the whole set that follows from it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from harness.data import Counters, Rays
+from harness.grid import Grid
+from harness.runtime import cl
+from harness.tracers._base import Batch, DeviceTracer
+
+SAMPLE_RAYS = 2048
+SLOTS = 24  # non-empty cells of a sampled ray that are written down
+
+
+@dataclass(frozen=True)
+class Work:
+    """What one ray costs on average. The names are those of the cost model's terms.
+
+    `steps`, `pairs`, `tests`, `lane_tests` as in `Counters`; `slots`: pairs and the padding of their bins; `active`:
+    waves that a ray takes part in; `waves`: waves over rays; `cell_waves`: bins to clear and to scan, over rays.
+    """
+
+    steps: float
+    pairs: float
+    tests: float
+    lane_tests: float = 0.0
+    slots: float = 0.0
+    active: float = 0.0
+    waves: float = 0.0
+    cell_waves: float = 0.0
+    one: float = 1.0
+
+
+def counted_work(counters: Counters, rays: int, nonempty: int) -> Work:
+    """The work of an instrumented run."""
+    left = rays - np.cumsum([0, *counters.finished_per_wave[:-1]])
+    return Work(
+        steps=counters.steps / rays,
+        pairs=counters.pairs / rays,
+        tests=counters.tests / rays,
+        lane_tests=counters.lane_tests / rays,
+        slots=(counters.pairs + counters.padding) / rays,
+        active=float(left.sum()) / rays if counters.waves else 0.0,
+        waves=counters.waves / rays,
+        cell_waves=nonempty * counters.waves / rays,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Sampled rays in one grid.
+
+    `references`, `steps` int32[n, SLOTS]: the references in each non-empty cell of a ray, and the steps up to it;
+    `found` int32[n] of them are filled. `needed`, `needed_steps`, `needed_tests` int32[n]: up to the hit, or to where
+    the ray leaves the grid. `end_steps` int32[n]: up to the end of the walk.
+    """
+
+    references: np.ndarray
+    steps: np.ndarray
+    found: np.ndarray
+    needed: np.ndarray
+    needed_steps: np.ndarray
+    needed_tests: np.ndarray
+    end_steps: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.needed)
+
+    @cached_property
+    def tests(self) -> np.ndarray:
+        """References met in the first k cells, int64[n, SLOTS + 1]."""
+        filled = np.arange(SLOTS) < self.found[:, None]
+        sums = np.cumsum(np.where(filled, self.references, 0), axis=1)
+        return np.concatenate([np.zeros((len(self), 1), np.int64), sums], axis=1)
+
+    def forward_work(self) -> Work:
+        """The work of rays that test cell by cell and halt at the hit."""
+        return Work(self.needed_steps.mean(), self.needed.mean(), self.needed_tests.mean())
+
+    def deferred_work(self, wave: int, growth: int, rays: int) -> tuple[Work, np.ndarray]:
+        """The work of rays that meet `wave` cells, then `growth` times as many, and so on, padding and bins left out,
+        and the pairs of each wave, a ray."""
+        ends = wave_ends(wave, growth, self._longest(rays))
+        which = np.searchsorted(ends, self.needed)  # the wave in which a ray finishes
+        pairs = np.maximum(np.minimum(ends[which], self.found), self.needed)
+        inside = pairs <= SLOTS
+        place = np.minimum(pairs, SLOTS)
+        rows = np.arange(len(self))
+        left = place < ends[which]  # out of the grid before the wave was over
+        steps = np.where(left, self.end_steps, self.steps[rows, np.maximum(place - 1, 0)])
+        steps = np.where(inside, steps, np.maximum(self.needed_steps, self.end_steps))
+        tests = np.where(inside, self.tests[rows, place], np.maximum(self.needed_tests, self.tests[rows, place]))
+        starts = np.concatenate([[0], ends[:-1]])
+        per_wave = np.clip(pairs[:, None] - starts, 0, ends - starts).mean(axis=0)
+        waves = len(ends) / min(rays, 1e12)
+        return Work(steps.mean(), pairs.mean(), tests.mean(), active=float(which.mean()) + 1, waves=waves), per_wave
+
+    def _longest(self, rays: int) -> int:
+        """Cells to the hit of the ray that needs most: of more rays, more, as the number falls off exponentially."""
+        growth = math.log(max(rays, 2)) / math.log(max(len(self), 2))
+        return max(1, round(int(self.needed.max()) * max(growth, 1.0)))
+
+
+def wave_ends(wave: int, growth: int, longest: int) -> np.ndarray:
+    """Cells a ray has met at the end of each wave, int64[waves], until `longest` are."""
+    ends, length = [wave], wave
+    while ends[-1] < longest:
+        length *= growth
+        ends.append(ends[-1] + length)
+    return np.array(ends)
+
+
+def padding(pairs: np.ndarray, cells: float, lanes: int) -> float:
+    """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave spread over `cells`."""
+    means, unused = _unused_slots(lanes)
+    return float(cells * np.interp(np.log(np.maximum(pairs / cells, 1e-12)), means, unused).sum())
+
+
+@functools.cache
+def _unused_slots(lanes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of mean pairs in a bin, float64[m], and the unused slots expected there, by Poisson's law."""
+    means = np.linspace(math.log(1e-12), math.log(1e3), 2000)
+    held = np.arange(4 * lanes)
+    factorials = np.array([math.lgamma(count + 1.0) for count in held])
+    chance = np.exp(held * means[:, None] - np.exp(means)[:, None] - factorials)
+    rest = np.maximum(1.0 - chance.sum(axis=1), 0.0)  # of bins with more: any remainder is as likely
+    return means, chance @ (-held % lanes) + rest * (lanes - 1) / 2
+
+
+def some_of(rays: Rays, count: int = SAMPLE_RAYS) -> Rays:
+    """At most `count` rays, evenly spread over the set."""
+    return rays if len(rays) <= count else rays[np.linspace(0, len(rays) - 1, count).astype(np.int64)]
+
+
+def sample_rays(tracer: DeviceTracer, rays: Rays) -> Sample:
+    """Walk `rays` through the tracer's grid, with its intersector, on its device."""
+    queue, batch = tracer.device.queue, Batch(tracer.device, rays)
+    tracer.start(batch)
+    grid: Grid = tracer.grid
+    lists = [cl.array.empty(queue, batch.count * SLOTS, np.int32) for _ in range(2)]
+    numbers = [cl.array.empty(queue, batch.count, np.int32) for _ in range(5)]
+    program = tracer.program("sample.cl", grid=True)
+    program.launch(
+        "sample_rays",
+        batch.count,
+        *(batch.count, batch.rays, batch.keys, *grid.arguments, grid.cell_start, grid.references),
+        *(tracer.triangles, batch.positions, SLOTS, *lists, *numbers),
+    )
+    return Sample(*(array.get().reshape(-1, SLOTS) for array in lists), *(array.get() for array in numbers))

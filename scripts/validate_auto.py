@@ -1,0 +1,127 @@
+"""How good `--grid auto` is: its rate over the best of a sweep of resolutions, its memory, its time to choose.
+
+    python scripts/validate_auto.py crown dragon sibenik --rays 1M --rounds 3
+
+Per scene it chooses, then times every setting of a sweep, deferred, each beside the chosen one; then the best of them
+and the chosen one again, repetitions in turn, which gives the ratios of rates: by processor time over the cores,
+which other work on the machine changes little, and by wall clock. Hits must be the same bit for bit, or it stops.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from harness import auto, calibrate, intersectors, stats, tracers
+from harness.data import GridSpec, differing
+from harness.device import open_device
+from harness.errors import DefrayError
+from harness.grid import build_grid
+from harness.measure import SharedScene
+from harness.plan import parse_count
+from harness.scene import load_scene
+from harness.spec import RunSpec, Variant
+from harness.stopwatch import Stopwatch
+
+UNIFORM = (32, 64, 128, 256, 512)
+DENSITIES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
+FAST = {"arrange": "record", "pairs": "copy"}
+WAVES = ({"wave": "4"}, {"wave": "8", "growth": "2"})
+HEADER = ("scene", "auto's choice", "auto / best", "by wall clock", "best of the sweep", "MiB", "of 8/128",
+          "choosing", "of tracing 1 M", "built (trial) s")
+
+
+def main() -> int:
+    """Print one row of a Markdown table a scene."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="+")
+    parser.add_argument("--rays", default="1M")
+    parser.add_argument("--rounds", type=int, default=2, help="timed rounds over the sweep")
+    parser.add_argument("--repetitions", type=int, default=7, help="of the last comparison")
+    arguments = parser.parse_args()
+    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
+    try:
+        for scene in arguments.scenes:
+            print(f"| {' | '.join(row(scene, arguments))} |", flush=True)
+    except DefrayError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def row(name: str, arguments) -> list[str]:
+    """Cells of one scene."""
+    device, test = open_device(None), intersectors.find("ray-space")
+    shared = SharedScene(load_scene(name), device)
+    spec = RunSpec(scene=name, variant=Variant(tracer="embree"), rays=parse_count(arguments.rays))
+    rays = shared.rays(spec)
+    choice = auto.choose(shared.setting, rays, "deferred", test, tell=lambda what: print(what, file=sys.stderr))
+    chosen = Contestant(shared, choice.grid, choice.options, rays, f"density {choice.grid.density:g}")
+    best, usual_bytes = best_of_sweep(shared, rays, arguments.rounds, chosen)
+    ratios = []
+    for wall in (False, True):
+        turns = [(chosen.time(wall), best.time(wall)) for _ in range(arguments.repetitions)]
+        ours, theirs = zip(*turns, strict=True)
+        found = stats.ratio([1 / t for t in ours], [1 / t for t in theirs])
+        ratios.append(f"{found.median:.2f} ({found.low:.2f}-{found.high:.2f})")
+    per_million = float(np.median(ours)) * 1e6 / len(rays)
+    megabytes = choice.grid.bytes / 2**20
+    return [name, chosen.name, *ratios, best.name,
+            f"{megabytes:.1f}", f"{choice.grid.bytes / usual_bytes:.2f}", f"{1e3 * choice.seconds:.0f} ms",
+            f"{choice.seconds / per_million:.1%}", f"{choice.grid.build_seconds:.2f} ({choice.trial_seconds:.2f})"]
+
+
+class Contestant:
+    """One setting on one grid."""
+
+    def __init__(self, shared: SharedScene, grid, options: dict[str, str], rays, name: str):
+        setting = replace(shared.setting, grid=grid)
+        self.tracer = tracers.find("deferred")(setting, intersectors.find("ray-space"), options)
+        growth = options.get("growth", "1")
+        self.name = f"{name}, wave {options['wave']}" + (f" growth {growth}" if growth != "1" else "")
+        self.rays, self.hits = rays, None
+        self.time()  # compiles
+
+    def time(self, wall: bool = False) -> float:
+        """Seconds of one repetition."""
+        device = self.tracer.device
+        watch = Stopwatch(device.queue) if wall else calibrate.stopwatch(device)
+        self.hits = self.tracer.trace(self.rays, watch)
+        return watch.seconds["total"]
+
+
+def best_of_sweep(shared: SharedScene, rays, rounds: int, chosen: Contestant) -> tuple[Contestant, int]:
+    """The fastest setting of the sweep, and the bytes of the grid 8/128; each is timed beside the chosen setting.
+
+    A setting's time counts relative to the chosen setting's beside it, as the machine's speed may change.
+    """
+    best, least, usual = None, np.inf, 0
+    specs = [GridSpec(8, leaf) for leaf in UNIFORM] + [GridSpec(0, 16, "adaptive", d) for d in DENSITIES]
+    for spec in specs:
+        try:
+            grid = build_grid(shared.setting.device_scene, spec)
+        except DefrayError as error:
+            print(f"{shared.scene.name} {spec} left out: {error}", file=sys.stderr)
+            continue
+        usual = grid.bytes if spec == GridSpec(8, 128) else usual
+        for wave in WAVES:
+            one = Contestant(shared, grid, {**FAST, **wave}, rays, str(spec))
+            if differing(one.hits, chosen.hits):
+                raise DefrayError(f"{shared.scene.name}: hits of {one.name} differ from those of {chosen.name}")
+            relative = min(one.time() / chosen.time() for _ in range(rounds))
+            print(f"{shared.scene.name} {one.name}: {relative:.2f} of the chosen setting's time", file=sys.stderr)
+            if relative < least:
+                best, least = one, relative
+            if relative > 2:
+                break  # no wave makes up for that
+    return best, usual
+
+
+if __name__ == "__main__":
+    sys.exit(main())
