@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from harness.digest import check_schema
 from harness.errors import DefrayError
 from harness.record import (
     Agreement,
@@ -24,7 +25,7 @@ from harness.record import (
     first_problem,
 )
 
-SCHEMA = 1
+SCHEMA = 2  # 1 had no digests; `defray migrate` brings it here
 FILE = "accuracy.jsonl"
 PRECISION_FILE = "precision.jsonl"
 CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")
@@ -106,8 +107,7 @@ def checked_row(model: type[Part], schema: int, row: Any, where: str) -> dict:
     """`row` as `model`, a Part with a key `schema`, has it; raises DefrayError naming `where` and the bad key."""
     if not isinstance(row, dict):
         raise DefrayError(f"{where}: not a JSON object")
-    if row.get("schema") != schema:
-        raise DefrayError(f"{where}: schema {row.get('schema')!r}, but this version reads schema {schema}")
+    check_schema(row, schema, where)
     try:
         return model.model_validate(row).model_dump(mode="json", by_alias=True)
     except ValidationError as error:

@@ -244,6 +244,17 @@ def report(
     typer.echo(write_report(folder))
 
 
+@app.command()
+def migrate(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder whose records an older version wrote.")],
+) -> None:
+    """Bring records of an older schema to this version's; each says that it was."""
+    from harness.migrate import migrate as run
+
+    for name, count in run(folder).items():
+        typer.echo(f"{folder / name}: {count} migrated")
+
+
 app.command(
     epilog="Examples:  [bold]defray stability[/bold]   [bold]defray stability --intersector all --family W2[/bold]"
 )(stability)

@@ -14,6 +14,7 @@ from made_up_accuracy import write_accuracy
 
 from harness import record as record_module
 from harness.data import Samples
+from harness.digest import sealed
 from harness.errors import DefrayError
 from harness.figures import figures
 from harness.figures.runs import read_published
@@ -132,7 +133,7 @@ def ladder_records(scene: str) -> list[dict]:
 def make_folder(folder, records: list[dict], views=()) -> None:
     """An output folder as a sweep leaves it."""
     folder.mkdir(parents=True, exist_ok=True)
-    text = "".join(json.dumps(record) + "\n" for record in records)
+    text = "".join(json.dumps(sealed(record)) + "\n" for record in records)
     (folder / "records.jsonl").write_text(text, encoding="utf-8")
     (folder / "env.json").write_text(json.dumps(records[0]["machine"] if records else {}), encoding="utf-8")
     sweep = {"seed": 1, "tier": "paper", "command": "make reproduce TIER=paper"}
