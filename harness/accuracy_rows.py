@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from harness.digest import check_schema
 from harness.errors import DefrayError
+from harness.machines import key_of
 from harness.record import (
     Agreement,
     Part,
@@ -156,8 +157,8 @@ def identity(**facts: Any) -> str:
 
 
 def latest_rows(rows: list[dict]) -> list[dict]:
-    """The last row of each measurement on each device: one measured again replaces the earlier one."""
-    return list({(row["id"], row["machine"].get("device")): row for row in rows}.values())
+    """The last row of each measurement on each machine and geometry: one measured again replaces the earlier one."""
+    return list({(row["id"], key_of(row["machine"]), *source_of(row["scene"])): row for row in rows}.values())
 
 
 def source_of(scene: dict) -> tuple[str, str]:

@@ -13,6 +13,7 @@ ORDER = 12
 SECTION = "Scenes"
 TITLE = "Real scenes and their stand-ins"
 NEEDS = "runs on real scenes, and the pictures that 'defray views' renders of them and of their stand-ins"
+FILES = ("views/*.png",)
 HEADINGS = ("real", "stand-in")
 
 
