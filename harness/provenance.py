@@ -24,8 +24,8 @@ OWN = ("env.json", "sweep.json", "stability.json")
 def sidecar(runs: Runs, index: dict, name: str, module, numbers, csv: str) -> dict:
     """What is known of one figure or table; JSON, equal from equal records.
 
-    `index`: as `index_of` makes it of the folder. `records`: those behind its rows, by the id columns of `numbers`. `files`: what it reads beside them, or every
-    file of rows where its numbers name no record.
+    `index`: as `index_of` makes it of the folder. `records`: those behind its rows, by the id columns of `numbers`.
+    `files`: what it reads beside them, or every file of rows where its numbers name no record.
     """
     ids = ids_of(numbers)
     records = records_behind(runs, index, ids)

@@ -25,7 +25,16 @@ from harness.print_form import write_pdf
 from harness.provenance import ids_of, index_of, sidecar
 from harness.record import RecordFile
 from harness.report_tables import page_table
-from harness.report_text import METHODS, failures, machine_rows, notices, origin_rows, provenance_rows, redraw_command, summary
+from harness.report_text import (
+    METHODS,
+    failures,
+    machine_rows,
+    notices,
+    origin_rows,
+    provenance_rows,
+    redraw_command,
+    summary,
+)
 from harness.stability.report import read_results
 from harness.tables import tables
 
@@ -156,7 +165,7 @@ def make_block(machines: list[Runs], index: dict, entry: Entry) -> dict:
 
 
 def make_part(runs: Runs, index: dict, entry: Entry) -> dict | None:
-    """Numbers to CSV, the figure to its three files, the sidecar, and all as part of the page; None without numbers."""
+    """Numbers, figure and sidecar to their files, and all as part of the page; None without numbers."""
     numbers = entry.module.select(runs)
     if numbers.empty:
         return None

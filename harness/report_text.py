@@ -172,26 +172,27 @@ def read_json(path: Path) -> dict:
 
 
 METHODS = (
-    "A run is one tracer with one ray/triangle test and its options, on one scene, one set of rays and one grid. Runs "
-    "on the same rays and grid are warmed up, then measured in one process with their repetitions interleaved in "
-    "random order, so that a change of the machine strikes all of them. A rate is rays over seconds, the median of the "
-    "repetitions with its 95 % interval; a ratio pairs repetitions. No rate includes loading the scene or building "
-    "the grid, each of which is reported apart.",
+    "A run is one tracer with one ray/triangle test and its options, on one scene, one set of rays and one grid. "
+    "Runs on the same rays and grid are warmed up, then measured in one process with their repetitions "
+    "interleaved in random order, so that a change of the machine strikes all of them. A rate is rays over "
+    "seconds, the median of the repetitions with its 95 % interval; a ratio pairs repetitions. No rate includes "
+    "loading the scene or building the grid, each of which is reported apart.",
     "Every run's hits are compared ray by ray with Embree's, and each ray in dispute is settled in exact integer "
     "arithmetic. A run that fails has no rate and is drawn nowhere; a run that nobody checked has none either. "
     "Counters of work (steps, pairs, tests) are exact integers from an instrumented build, equal in every run.",
-    "Each record is a line of JSON with a digest of its own content. A record that was edited, that lacks a key or is "
-    "of a foreign schema is refused by name, and no report is drawn. Where the paper's geometry is not at hand, a "
-    "seeded generator stands in for it, and the name says so.",
-    "This is a replication in the sense of the ACM's artifact review: other people, another implementation, written "
-    "from the paper without its authors' code.",
+    "Each record is a line of JSON with a digest of its own content. A record that was edited, that lacks a key "
+    "or is of a foreign schema is refused by name, and no report is drawn. Where the paper's geometry is not at "
+    "hand, a seeded generator stands in for it, and the name says so.",
+    "This is a replication in the sense of the ACM's artifact review: other people, another implementation, "
+    "written from the paper without its authors' code.",
 )
 
 
 def origin_rows(origin: dict) -> list[tuple[str, str]]:
     """A sidecar as facts for the page; the records stand in the file."""
     files = sorted({record["file"] for record in origin["records"]} | set(origin["files"]))
-    return [("id", origin["id"]), ("drawn from", f"{counted(len(origin['records']), 'record')} of {', '.join(files)}"),
+    return [("id", origin["id"]),
+            ("drawn from", f"{counted(len(origin['records']), 'record')} of {', '.join(files)}"),
             ("needs", origin["filter"]["needs"]),
             ("script", f"{origin['script']['path']}, SHA-256 {origin['script']['sha256'][:16]}"),
             ("measured at commit", ", ".join(origin["commits"]) or "not recorded")]

@@ -89,7 +89,8 @@ def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
                              **charts.record_facts(runs, run.run)})
     fields = {"scene": "scene", "variant": "variant", "grid": "grid", "stage": "stage", "rate_text": "million rays/s",
               "rays": "rays", "repetitions": "repetitions", **charts.RECORD_FIELDS}
-    y = {"field": "name", "type": "nominal", "title": None, "sort": {"field": "rate", "op": "max", "order": "descending"},
+    y = {"field": "name", "type": "nominal", "title": None,
+         "sort": {"field": "rate", "op": "max", "order": "descending"},
          "axis": {"labelLimit": 330, "grid": True, "labelOverlap": False}}
     x = {"type": "quantitative", "title": "million rays per second", "scale": {"type": "log", "nice": False,
                                                                               "padding": 12}}

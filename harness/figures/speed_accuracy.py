@@ -113,9 +113,9 @@ def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
          "scale": {"zero": False, "padding": 12}}
     y = {"type": "quantitative", "scale": {"type": "log", "nice": False, "padding": 12},
          "title": "million rays per second, whole trace"}
-    families = list(dict.fromkeys((row["family"], family_of(one)[0]) for row, one in zip(rows, numbers["intersector"])))
+    families = list(dict.fromkeys(family_of(name) for name in numbers["intersector"]))
     shape = {"field": "family", "type": "nominal", "title": None, "scale": {
-        "domain": [name for name, _ in families], "range": [charts.SHAPES[mark] for _, mark in families]}}
+        "domain": [name for _, name in families], "range": [charts.SHAPES[mark] for mark, _ in families]}}
     colour = charts.by_tracer(rows)
     pale = {"condition": {"test": "datum.frontier == 'beaten'", "value": 0.4}, "value": 1}
     layers = [
