@@ -92,8 +92,8 @@ def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
     y = {"field": "name", "type": "nominal", "title": None,
          "sort": {"field": "rate", "op": "max", "order": "descending"},
          "axis": {"labelLimit": 330, "grid": True, "labelOverlap": False}}
-    x = {"type": "quantitative", "title": "million rays per second", "scale": {"type": "log", "nice": False,
-                                                                              "padding": 12}}
+    x = {"type": "quantitative", "title": "million rays per second", "axis": {"tickCount": 6},
+         "scale": {"type": "log", "nice": False, "padding": 12}}
     colour = charts.by_tracer(rows)
     layers = [
         {"mark": {"type": "rule"}, "encoding": {"y": y, "x": {**x, "field": "low"}, "x2": {"field": "high"},

@@ -77,7 +77,9 @@ def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
          "axis": {"values": sorted(map(int, numbers["cells_per_axis"].unique()))}}
     y = {"type": "quantitative", "scale": {"type": "log", "nice": False, "padding": 12},
          "title": "million rays per second"}
-    colour, dash = charts.by_tracer(rows), {"field": "stage", "type": "nominal", "title": None}
+    colour = charts.by_tracer(rows)
+    dash = {"field": "stage", "type": "nominal", "title": None,
+        "scale": {"domain": ["whole trace", "intersection"], "range": [[1, 0], [5, 3]]}}
     detail = {"field": "scene", "type": "nominal"}
     layers = [
         {"mark": {"type": "line"}, "encoding": {"x": x, "y": {**y, "field": "rate"}, "color": colour,

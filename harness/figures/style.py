@@ -136,7 +136,7 @@ def inline_svg(text: str, name: str) -> str:
         text = text.replace(colour, f"var(--{token})")
     text = re.sub(r'(?<=data:image/)png;base64,([^"]+)', lambda found: _lighter(found[1]), text)
     # Two decimals of a point are less than a pixel, and half of the page's weight.
-    text = re.sub(r'(?<=[\s"(,\-])(\d*\.\d\d)\d+(?=[\s"),])', r"\1", text)
+    text = re.sub(r'(?<= )(d|x|y)="[^"]+"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
     return re.sub(r"\n\s*", "\n", text).strip()
 
 
