@@ -97,6 +97,8 @@ def contents() -> list[Entry]:
     """Every figure and table in the order of the report."""
     modules = {**figures(), **tables()}
     ordered = sorted(modules, key=lambda name: (modules[name].ORDER, name))
+    sections = list(dict.fromkeys(modules[name].SECTION for name in ordered))
+    ordered.sort(key=lambda name: sections.index(modules[name].SECTION))
     drawn = [name for name in ordered if hasattr(modules[name], "draw")]
     return [Entry(name, modules[name], drawn.index(name) + 1 if name in drawn else None) for name in ordered]
 

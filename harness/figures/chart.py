@@ -24,7 +24,8 @@ CONFIG = {
     "view": {"stroke": None},
     "axis": {"labelColor": INK, "titleColor": INK, "gridColor": RULE, "domainColor": MUTED, "tickColor": MUTED,
              "titleFontWeight": "normal", "labelFontSize": 11, "titleFontSize": 12},
-    "legend": {"labelColor": INK, "titleColor": MUTED, "orient": "bottom", "columns": 4, "symbolStrokeColor": MUTED,
+    "legend": {"labelColor": INK, "titleColor": MUTED, "orient": "bottom",
+               "columns": {"expr": "width < 420 ? 2 : 5"}, "symbolStrokeColor": MUTED,
                "titleFontWeight": "normal", "labelLimit": 220},
     "title": {"color": INK},
 }
