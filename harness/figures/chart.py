@@ -44,7 +44,6 @@ def explored(rows: list[dict], filters: dict[str, str], layers: list[dict], heig
     starts = {first: rows[0][first]} | (defaults or {})
     return {
         "$schema": SCHEMA, "width": "container", "height": height, "data": {"name": "rows", "values": rows},
-        "autosize": {"type": "fit-x", "contains": "padding"},
         "params": [choice(rows, column, title, starts.get(column, ALL)) for column, title in filters.items()],
         "transform": [{"filter": " && ".join(f"(choose_{column} == '{ALL}' || datum['{column}'] == choose_{column})"
                                              for column in filters)}],
