@@ -84,3 +84,16 @@ def test_one_target_a_figure():
     makefile = (REFERENCE.parents[1] / "Makefile").read_text()
     for label in filter(None, (entry.label for entry in contents())):
         assert re.search(rf"(^|[ ,]){label.removeprefix('fig')}\b", makefile.split("FIGURES :=")[1].split("\n")[0])
+
+
+def test_what_drawing_knows_without_opencl_is_what_measuring_says():
+    from harness.figures import runs, speed_accuracy
+    from harness.grid import BINNINGS
+    from harness.plan import check_variant
+    from harness.render import STAND_IN
+    from harness.spec import Variant
+    from harness.tables import speed_at_floor
+
+    assert str(check_variant(Variant(tracer="deferred"))) == speed_accuracy.DEFAULT
+    assert BINNINGS[0] == speed_at_floor.PADDED
+    assert f"{runs.STAND_IN}.png" == STAND_IN

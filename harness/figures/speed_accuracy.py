@@ -15,14 +15,13 @@ from harness.figures import style
 from harness.figures.contenders import accuracy_table, family_of, marks
 from harness.figures.metrics import METRICS, frontier
 from harness.figures.runs import Runs, rays_note
-from harness.plan import check_variant
-from harness.spec import Variant
 
 ORDER = 90
 SECTION = "Speed against accuracy"
 TITLE = "Whole trace against leaks of rays aimed at edges and vertices"
 NEEDS = "rows of 'defray accuracy'"
 X, Y = "leak_rate", "rate"
+DEFAULT = "deferred:ray-space"  # what `check_variant` makes of the bare deferred tracer
 LINE = 7.4  # points from one line of a name to the next
 LETTER = 3.6  # points a letter of a name is wide, with its share of the margin
 
@@ -47,7 +46,7 @@ def select(runs: Runs) -> pd.DataFrame:
         "minus_log10_leak_bound": -np.log10(table["leak_bound"]),
         "total_mrays_per_s": table["rate"], "total_mrays_per_s_low": table["rate_low"],
         "total_mrays_per_s_high": table["rate_high"], "t_error_p99": table["t_error_p99"],
-        "default": table["variant"] == str(check_variant(Variant(tracer="deferred"))),
+        "default": table["variant"] == DEFAULT,
         "on_frontier": table["on_frontier"], "on_own_frontier": table["on_own_frontier"],
         "within_noise": table["within_noise"], "runs": table["run"],
     })
