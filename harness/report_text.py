@@ -126,7 +126,10 @@ def flat(facts: dict, before: str = "") -> list[tuple[str, str]]:
     for key, value in facts.items():
         name = f"{before}{key.replace('_', ' ') if not before else key}"
         if isinstance(value, dict):
-            rows += flat(value, f"{name}: ")
+            rows += [(name, ", ".join(f"{one} {version}" for one, version in value.items()))] \
+                if key == "packages" else flat(value, f"{name}: ")
+        elif value and isinstance(value, list) and isinstance(value[0], dict):
+            rows += [(name, "; ".join(", ".join(f"{k} {v}" for k, v in one.items() if v != "") for one in value))]
         elif value not in (None, "", []):
             rows.append((name, ", ".join(map(str, value)) if isinstance(value, list) else str(value)))
     return rows
