@@ -2,8 +2,7 @@
 for (const holder of document.querySelectorAll(".explore")) {
   const specification = JSON.parse(holder.querySelector("script").textContent);
   const place = holder.querySelector(".chart");
-  const options = { renderer: "svg", actions: false, mode: "vega-lite", tooltip: { theme: "page" },
-    logLevel: 1 }; // errors; that a chart of rows grows with them is no news
+  const options = { renderer: "svg", actions: false, mode: "vega-lite", tooltip: { theme: "page" } };
   holder.hidden = false; // a hidden element has no width to draw for
   vegaEmbed(place, specification, options)
     .then((drawn) => {

@@ -101,7 +101,8 @@ def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
         {"mark": {"type": "point", "filled": True, "size": 60}, "encoding": {
             "y": y, "x": {**x, "field": "rate"}, "color": colour, "tooltip": charts.tooltip(fields)}}]
     filters = {"scene": "scene", "tracer": "tracer", "intersector": "ray/triangle test", "stage": "stage"}
-    return charts.explored(rows, filters, layers, {"step": 16}, defaults={"stage": "whole trace"})
+    return charts.explored(rows, filters, layers, 40 + 18 * len({row["name"] for row in rows}),
+                           defaults={"stage": "whole trace"})
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
