@@ -13,7 +13,10 @@ ifdef DEFRAY_SCENES
 export DEFRAY_SCENES
 endif
 
-.PHONY: help setup second-device reproduce carry test test-all bench lint figures lock clean
+# make fig05 redraws one figure; their numbers are those of the report.
+FIGURES := $(addprefix fig,01 02 03 04 05 06 07 08 09 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25)
+
+.PHONY: help setup packages second-device reproduce carry test test-all bench lint figures check-figures lock clean $(FIGURES)
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -44,8 +47,17 @@ bench: setup ## time the stages with pytest-benchmark
 lint: setup ## ruff
 	@$(PYTHON) -m ruff check --quiet .
 
-figures: setup ## draw OUT's figures, tables and report again from its records, without a device
+packages: ## make .venv alone, without a device: enough to draw
+	@bash scripts/setup.sh --without-device
+
+figures: packages ## draw OUT's figures, tables and report again from its records, without a device
 	@.venv/bin/defray report "$(OUT)"
+
+$(FIGURES): packages # one figure of OUT
+	@.venv/bin/defray report "$(OUT)" --only $@
+
+check-figures: packages ## see that the reference's figures are drawn again to the same bytes
+	@$(PYTHON) -m pytest -q tests/test_reference_figures.py
 
 lock: setup ## pin the newest versions of everything in requirements.txt and scripts/runtimes
 	@bash scripts/lock.sh

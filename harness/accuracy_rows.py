@@ -12,7 +12,9 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from harness.digest import check_schema
 from harness.errors import DefrayError
+from harness.machines import key_of
 from harness.record import (
     Agreement,
     Part,
@@ -24,7 +26,7 @@ from harness.record import (
     first_problem,
 )
 
-SCHEMA = 1
+SCHEMA = 2  # 1 had no digests; `defray migrate` brings it here
 FILE = "accuracy.jsonl"
 PRECISION_FILE = "precision.jsonl"
 CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")
@@ -106,8 +108,7 @@ def checked_row(model: type[Part], schema: int, row: Any, where: str) -> dict:
     """`row` as `model`, a Part with a key `schema`, has it; raises DefrayError naming `where` and the bad key."""
     if not isinstance(row, dict):
         raise DefrayError(f"{where}: not a JSON object")
-    if row.get("schema") != schema:
-        raise DefrayError(f"{where}: schema {row.get('schema')!r}, but this version reads schema {schema}")
+    check_schema(row, schema, where)
     try:
         return model.model_validate(row).model_dump(mode="json", by_alias=True)
     except ValidationError as error:
@@ -156,8 +157,8 @@ def identity(**facts: Any) -> str:
 
 
 def latest_rows(rows: list[dict]) -> list[dict]:
-    """The last row of each measurement on each device: one measured again replaces the earlier one."""
-    return list({(row["id"], row["machine"].get("device")): row for row in rows}.values())
+    """The last row of each measurement on each machine and geometry: one measured again replaces the earlier one."""
+    return list({(row["id"], key_of(row["machine"]), *source_of(row["scene"])): row for row in rows}.values())
 
 
 def source_of(scene: dict) -> tuple[str, str]:

@@ -246,12 +246,39 @@ def views(
 @app.command()
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a sweep, with its records.jsonl.")],
+    only: Annotated[
+        str | None, typer.Option(metavar="FIGURE", help="Redraw one figure or table alone: fig05, or its name.")
+    ] = None,
 ) -> None:
     """Draw figures and tables of a sweep's records and write report.html; prints where it is."""
-    from harness.report import write_report
+    from harness.report import redraw, write_report
 
     _records_of(folder)
-    typer.echo(write_report(folder))
+    for file in redraw(folder, only) if only else [write_report(folder)]:
+        typer.echo(file)
+
+
+@app.command(epilog="Example:  [bold]defray merge results/mine results/yours --out results/ours[/bold]")
+def merge(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR ...", help="Folders with records.jsonl.")],
+    out: Annotated[Path, typer.Option(help="New folder for all of their records.")],
+) -> None:
+    """Put the records of several machines into one folder, whose report shows each of them."""
+    from harness.machines import merge as run
+
+    for name, count in run(folders, out).items():
+        typer.echo(f"{out / name}: {count} rows")
+
+
+@app.command()
+def migrate(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder whose records an older version wrote.")],
+) -> None:
+    """Bring records of an older schema to this version's; each says that it was."""
+    from harness.migrate import migrate as run
+
+    for name, count in run(folder).items():
+        typer.echo(f"{folder / name}: {count} migrated")
 
 
 app.command(

@@ -1,7 +1,7 @@
 """Records: what one run leaves behind, and the append-only file that survives a killed sweep.
 
-A record is a JSON object, one a line; `Record` declares every key. `RecordFile` writes each with a single
-write and a sync, so a kill can tear the last line at most.
+A record is a JSON object, one a line; `Record` declares every key. `RecordFile` writes each with its digest
+(`harness.digest`), in a single write and a sync, so a kill can tear the last line at most.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
 
+from harness import digest
 from harness.errors import DefrayError
 from harness.spec import RunSpec
 
-SCHEMA = 1
+SCHEMA = 2  # 1 had no digests; `defray migrate` brings it here
 
 
 class Part(BaseModel):
@@ -168,7 +169,10 @@ class Agreement(Part):
 
 
 class Provenance(Part):
-    """What every stored row says of itself: schema, identity, when, by which command of which commit, where."""
+    """What every stored row says of itself: schema, identity, when, by which command of which commit, where.
+
+    `migrated_utc`, of rows brought here from an older schema alone: when, and so since when they have a digest.
+    """
 
     schema_: int = Field(alias="schema")
     id: str
@@ -178,10 +182,15 @@ class Provenance(Part):
     dirty: bool
     machine: Machine
     scene: SceneFacts
+    migrated_utc: str | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_absent_migration(self, serialize) -> dict:
+        return {key: value for key, value in serialize(self).items() if key != "migrated_utc" or value is not None}
 
 
 class Record(Provenance):
-    """One run as stored. A run that is not valid has no rate.
+    """One run as stored. A run that is not valid, or that was not checked, has no rate.
 
     `hierarchy_build_seconds`: of Embree's bounding volume hierarchy, wall clock; None for tracers that have none.
     """
@@ -208,6 +217,8 @@ class Record(Provenance):
         has_rate = any((self.rate.traverse, self.rate.intersect, self.rate.total))
         if has_rate and not self.valid:
             raise ValueError("a run that is not valid must not have a rate")
+        if self.valid and self.agreement.reference == "none":
+            raise ValueError("a run that was not checked must not be valid nor have a rate")
         return self
 
 
@@ -239,8 +250,7 @@ def validated(record: dict, where: str) -> dict:
     """`record` in the schema's key order; raises DefrayError naming `where` and the first bad key."""
     if not isinstance(record, dict):
         raise DefrayError(f"{where}: not a JSON object")
-    if record.get("schema") != SCHEMA:
-        raise DefrayError(f"{where}: schema {record.get('schema')!r}, but this version reads schema {SCHEMA}")
+    digest.check_schema(record, SCHEMA, where)
     try:
         return Record.model_validate(record).model_dump(mode="json", by_alias=True)
     except ValidationError as error:
@@ -332,6 +342,7 @@ def _to_stderr(message: str) -> None:
 class RecordFile:
     """An append-only JSON Lines file of records, or of whatever rows `validate(row, where)` accepts.
 
+    Each line holds its digest, which `validate` does not see; `read` leaves it in the rows it returns.
     `warn` receives one-line messages (default: standard error). Only the process that writes the file may
     call `repair`; readers skip a torn last line and leave the file alone.
     """
@@ -348,7 +359,8 @@ class RecordFile:
 
     def append(self, record: dict) -> None:
         """Validate and store one record; when this returns, a kill or power cut no longer loses it."""
-        append_line(self.path, self._validate(record, f"{self.path}: new record"))
+        where = f"{self.path}: new record"
+        append_line(self.path, digest.sealed(self._validate(digest.unsealed(record, where), where)))
 
     def read(self) -> list[dict]:
         """All records. A torn last line is skipped with a warning; other damage raises DefrayError with
@@ -379,6 +391,12 @@ class RecordFile:
                 file.write(b"\n")
         return records
 
+    def _checked(self, value: Any, where: str) -> dict:
+        """A stored row, its digest as on file. Raises DefrayError for any that is not as it was written."""
+        row = self._validate(digest.unsealed(value, where), where)
+        digest.needs_digest(value, where)
+        return {**row, digest.KEY: value[digest.KEY]}
+
     def _scan(self) -> tuple[list[dict], int | None, bytes]:
         """Records, byte offset of a torn last line (None if whole), and the file's bytes."""
         try:
@@ -398,6 +416,6 @@ class RecordFile:
                 raise DefrayError(
                     f"{self.path}, line {number}: not JSON; restore the file from a copy or delete that line"
                 ) from None
-            records.append(self._validate(value, f"{self.path}, line {number}"))
+            records.append(self._checked(value, digest.place_of(value, self.path, number)))
             offset += len(line)
         return records, None, data

@@ -252,12 +252,13 @@ def _terminable() -> Iterator[None]:
 
 
 def _run_all(sweep: _Sweep) -> None:
-    from harness.device import machine_description, open_device
+    from harness.device import open_device
+    from harness.environment import environment_description
 
     if not sweep.waiting:
         return
     device = open_device(sweep.request.device)
-    _describe_machine(sweep, machine_description(device))
+    _describe_machine(sweep, environment_description(device))
     triangles = _known_triangles(sweep.specs)
     for line in announcements(triangles.items()):
         sweep.console.print(line, highlight=False, soft_wrap=True, markup=False)

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Make .venv with everything pinned in requirements.txt, and see that an OpenCL device works.
-# Usage: scripts/setup.sh [--with-intel]
+# Usage: scripts/setup.sh [--with-intel | --without-device]
+#   --without-device      make .venv alone, which is enough to draw figures from records
 #   --with-intel          add Intel's CPU runtime to .venv even where another device works
 #   DEFRAY_SETUP_APT=0    install no Debian package
 # Doing it again takes no time: a stamp in .venv remembers what was done. Details go to .setup-log.
@@ -136,21 +137,36 @@ find_device() {
 # ---------------------------------------------------------------- main
 
 with_intel=0
+device_wanted=1
 for argument; do
-    [ "$argument" = --with-intel ] || fail "unknown argument '$argument'; known: --with-intel"
-    with_intel=1
+    case "$argument" in
+        --with-intel) with_intel=1 ;;
+        --without-device) device_wanted=0 ;;
+        *) fail "unknown argument '$argument'; known: --with-intel, --without-device" ;;
+    esac
 done
 
+has_packages() { [ -x .venv/bin/python ] && [ "$(cat .venv/defray-packages 2>/dev/null)" = "$(wanted_stamp)" ]; }
+
 is_done && exit
+[ "$device_wanted" = 0 ] && has_packages && exit
 if command -v flock >/dev/null; then # two at once would break one another's .venv
     exec 9>.setup-lock
     flock 9
     is_done && exit
+    [ "$device_wanted" = 0 ] && has_packages && exit
 fi
 : >"$LOG"
 rm -f .venv/defray-stamp # what stops halfway is not done
-make_environment
-install_packages
+if ! has_packages; then
+    make_environment
+    install_packages
+    wanted_stamp >.venv/defray-packages
+fi
+if [ "$device_wanted" = 0 ]; then
+    say "ready to draw after $SECONDS s, without a look for an OpenCL device"
+    exit
+fi
 device=""
 find_device
 if [ "$with_intel" = 1 ] && [ ! -f "$VENDORS/intel.icd" ]; then

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from harness.accuracy_rows import SCHEMA, accuracy_file, precision_file
+from harness.digest import sealed
+from harness.stability.report import SCHEMA as SUITE_SCHEMA
 from harness.stats import interval, rates_of
 
 DEVICE = "pthread-test AVX-512 device"
@@ -95,7 +97,7 @@ def stability(families=("W1", "W2", "A1", "A2", "A3", "D1")) -> dict:
             median = (150 - 10 * place) * 1e6
             rates.append({"intersector": name, "contraction": mode, "wrong": 0,
                           "tests_per_second": {"median": median, "low": 0.98 * median, "high": 1.02 * median}})
-    return {"schema": 1, "machine": MACHINE, "contracts": {"off": False, "on": True}, "rows": rows,
+    return {"schema": SUITE_SCHEMA, "machine": MACHINE, "contracts": {"off": False, "on": True}, "rows": rows,
             "kernel_rates": rates}
 
 
@@ -106,4 +108,4 @@ def write_accuracy(folder: Path, scenes=("sponza", "hairball")) -> None:
             accuracy_file(folder).append(accuracy_row(scene, variant))
         for row in precision_rows(scene):
             precision_file(folder).append(row)
-    (folder / "stability.json").write_text(json.dumps(stability()), encoding="utf-8")
+    (folder / "stability.json").write_text(json.dumps(sealed(stability())), encoding="utf-8")

@@ -10,6 +10,7 @@ import pytest
 from made_up_accuracy import DEVICE, VARIANTS, accuracy_row, stability, write_accuracy
 from matplotlib.text import Text
 
+from harness.digest import sealed
 from harness.errors import DefrayError
 from harness.figures import figures, kernel_accuracy, speed_accuracy, stability_map, style
 from harness.figures.contenders import intersector_name
@@ -17,6 +18,7 @@ from harness.figures.metrics import METRICS, frontier
 from harness.figures.runs import Runs, read_published
 from harness.intersectors import INTERSECTORS
 from harness.report import read_stability
+from harness.stability.report import SCHEMA as SUITE_SCHEMA
 from harness.stats import rate_bound
 from harness.tables import speed_at_floor
 
@@ -211,7 +213,7 @@ def test_chart_2_is_drawn_where_no_test_errs_and_where_all_err_without_bound(ban
 
 
 def test_a_damaged_stability_file_is_named(tmp_path):
-    (tmp_path / "stability.json").write_text('{"schema": 1, "rows": [{}]}')
+    (tmp_path / "stability.json").write_text(json.dumps(sealed({"schema": SUITE_SCHEMA, "rows": [{}]})))
     with pytest.raises(DefrayError, match=r"stability\.json is no result"):
         read_stability(tmp_path, DEVICE)
 
@@ -219,7 +221,7 @@ def test_a_damaged_stability_file_is_named(tmp_path):
 def test_stability_of_another_device_and_rates_of_wrong_tests_are_not_drawn(tmp_path):
     tests = stability()
     tests["kernel_rates"][0] |= {"wrong": 7, "tests_per_second": None}
-    (tmp_path / "stability.json").write_text(json.dumps(tests))
+    (tmp_path / "stability.json").write_text(json.dumps(sealed(tests)))
     rows, rates = read_stability(tmp_path, DEVICE)
     assert len(rows) == 36 and len(rates) == 5
     assert read_stability(tmp_path, "another device") == ([], [])

@@ -10,6 +10,7 @@ import pytest
 
 from harness import record as record_module
 from harness.data import GridSpec
+from harness.digest import digest_of, sealed
 from harness.errors import DefrayError
 from harness.record import RecordFile, finish, validated
 from harness.spec import RunSpec, Variant
@@ -30,7 +31,7 @@ def make_record(identity: str = "0" * 16, **changes) -> dict:
     """A record that validates."""
     spec = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space"), grid=GridSpec())
     whole = {
-        "schema": 1,
+        "schema": record_module.SCHEMA,
         "id": identity,
         "time_utc": "2030-01-01T00:00:00Z",
         "command": "defray trace sponza",
@@ -122,6 +123,11 @@ def file(tmp_path):
     return made
 
 
+def write(file, *records) -> None:
+    """Put records on file as they are, each with the digest that its content has."""
+    file.path.write_text("".join(json.dumps(sealed(record)) + "\n" for record in records))
+
+
 @pytest.mark.parametrize("path", list(leaves(make_record())), ids=".".join)
 def test_every_key_is_needed_and_no_other_allowed(path):
     missing = copy.deepcopy(make_record())
@@ -168,7 +174,7 @@ def test_finish_adds_what_the_pipeline_does_not_know(monkeypatch):
         view="door",
     )
     done = finish(make_body(), spec, device=None)
-    assert done["id"] == spec.id and done["schema"] == 1 and done["view"] == "door"
+    assert done["id"] == spec.id and done["schema"] == record_module.SCHEMA and done["view"] == "door"
     assert RunSpec.model_validate(done["spec"]).id == spec.id
     assert json.loads(json.dumps(done)) == done
     with pytest.raises(DefrayError, match="the record of sponza deferred:ray-space: valid: missing key"):
@@ -191,12 +197,59 @@ def test_append_then_read(file):
         file.append(make_record(identity))
     assert [record["id"] for record in file.read()] == ["a", "b"]
     assert file.done_ids() == {"a", "b"}
-    assert file.read()[0] == validated(make_record("a"), "")
+    assert file.read()[0] == sealed(validated(make_record("a"), ""))
     assert file.warnings == []
 
 
 def test_a_missing_file_has_no_records(file):
     assert file.read() == [] and file.repair() == [] and not file.path.exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"rate": {**make_body()["rate"], "total": {**RATE, "median": 2e6}}}, "edited after it was written"),
+        ({"tracer": "forward"}, "edited after it was written"),
+        ({"digest": "0" * 64}, "edited after it was written"),
+        ({"digest": None}, "edited after it was written"),
+    ],
+)
+def test_a_record_edited_after_it_was_written_is_refused_by_name(file, changes, reason):
+    file.append(make_record("a"))
+    file.append(make_record("b"))
+    first, second = map(json.loads, file.path.read_text().splitlines())
+    file.path.write_text("".join(json.dumps(row) + "\n" for row in (first, {**second, **changes})))
+    with pytest.raises(DefrayError, match=rf"line 2 \(id b, sponza .*\): {reason}"):
+        file.read()
+    with pytest.raises(DefrayError, match="new record: edited"):
+        file.append({**second, **changes})
+
+
+def test_a_record_without_a_digest_is_refused_by_name(file):
+    file.path.write_text(json.dumps(make_record("a")) + "\n")
+    with pytest.raises(DefrayError, match=r"\(id a, sponza deferred:ray-space\): has no digest"):
+        file.read()
+
+
+def test_a_digest_does_not_depend_on_the_order_of_keys_nor_on_being_there(file):
+    record = make_record("a")
+    assert digest_of(dict(reversed(record.items()))) == digest_of(record) == digest_of(sealed(record))
+    file.append(record)
+    file.append(file.read()[0])
+    assert file.read()[0] == file.read()[1] == json.loads(file.path.read_text().splitlines()[0])
+
+
+def test_a_rate_without_a_check_is_refused_by_name(file):
+    agreement = {**make_body()["agreement"], "reference": "none"}
+    write(file, make_record("a", agreement=agreement))
+    with pytest.raises(DefrayError, match=r"\(id a, .*\): a run that was not checked must not be valid"):
+        file.read()
+
+
+def test_a_record_of_the_schema_before_is_told_the_way(file):
+    write(file, make_record("a", schema=1))
+    with pytest.raises(DefrayError, match=r"schema 1, but .* schema 2; an older one: 'defray migrate DIR'"):
+        file.read()
 
 
 @pytest.mark.parametrize("kept", [1, 10, -2])
@@ -231,11 +284,13 @@ def test_damage_elsewhere_names_file_and_line(file):
     file.path.write_text("\n".join([lines[0], lines[1][:50], lines[2]]) + "\n")
     with pytest.raises(DefrayError, match=r"records\.jsonl, line 2: not JSON"):
         file.repair()
-    file.path.write_text("\n".join([lines[0], lines[1].replace('"schema": 1', '"schema": 9')]) + "\n")
-    with pytest.raises(DefrayError, match="line 2: schema 9, but this version reads schema 1"):
+    write(file, make_record("a"), make_record("b", schema=9))
+    with pytest.raises(DefrayError, match=r"line 2 \(id b, sponza .*\): schema 9, but this version reads schema 2$"):
         file.read()
-    file.path.write_text(lines[0].replace('"dirty"', '"ditry"') + "\n")
-    with pytest.raises(DefrayError, match="line 1: dirty: missing key"):
+    bad = make_record("c")
+    del bad["dirty"]
+    write(file, bad)
+    with pytest.raises(DefrayError, match=r"line 1 \(id c, .*\): dirty: missing key"):
         file.read()
     file.path.write_text("[1]\n")
     with pytest.raises(DefrayError, match="line 1: not a JSON object"):

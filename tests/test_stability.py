@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from harness import program
 from harness.cli import app
 from harness.data import Hits, Rays
+from harness.digest import digest_of, sealed
 from harness.errors import DefrayError
 from harness.intersectors import DEFAULT, INTERSECTORS, find
 from harness.stability import offsets, report, scenes
@@ -235,14 +236,16 @@ def test_the_command_prints_json_and_writes_a_file_that_reads_back(tmp_path):
 
 
 def test_a_results_file_of_another_schema_or_with_unknown_keys_is_refused(tmp_path):
-    good = {"schema": 1, "machine": {}, "contracts": {}, "rows": []}
+    good = {"schema": report.SCHEMA, "machine": {}, "contracts": {}, "rows": []}
     file = tmp_path / report.FILE
-    file.write_text(json.dumps(good))
+    file.write_text(json.dumps(sealed(good)))
     assert report.read_results(tmp_path).rows == []
-    changes = [{"schema": 2}, {"more": 1}, {"rows": [{"passed": True}]}]
+    changes = [{"schema": 99}, {"more": 1}, {"rows": [{"passed": True}]}]
     changes += [{"rows": [ROW_ON_FILE | wrong]} for wrong in ({"rays": 0}, {"family": "Z9"}, {"band_ulp": np.nan})]
     assert report.Results(**good | {"rows": [ROW_ON_FILE]}).rows[0].passed
-    for text in [json.dumps(good | change) for change in changes] + ["[]", "{", '{"schema_": 1}']:
+    texts = [json.dumps({**good, **change, "digest": digest_of(good)}) for change in changes]
+    texts += [json.dumps(sealed(good | change)) for change in changes if "NaN" not in json.dumps(change)]
+    for text in [*texts, json.dumps(good), "[]", "{", '{"schema_": 1}']:
         file.write_text(text)
         with pytest.raises(DefrayError, match=r"stability.json"):
             report.read_results(tmp_path)

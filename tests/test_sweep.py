@@ -60,6 +60,7 @@ def install_fakes(monkeypatch, run_group=fake_run_group) -> None:
     replaced = {
         "pipeline": {"run_group": run_group},
         "device": {"open_device": lambda part: None, "machine_description": lambda device: dict(MACHINE)},
+        "environment": {"environment_description": lambda device: dict(MACHINE)},
         "scene": {"list_scenes": list},
     }
     for name, values in replaced.items():

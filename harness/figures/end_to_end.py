@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
+from harness.figures import chart as charts
 from harness.figures import style
 from harness.figures.runs import Runs, best, rays_note
 
@@ -71,6 +72,37 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     if numbers["tracer"].eq("brute").any():
         text += "A rate beside ◂ lies off the axis. "
     return text + "Work-optimal is absent: it is told the cells of each hit, and so is no tracer."
+
+
+def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
+    """Every diffuse run of the main workload to compare, not the chosen ones alone; hover for the record."""
+    rows = []
+    for run in runs.diffuse.itertuples():
+        for rate, stage in (("total", "whole trace"), ("traverse", "traversal"), ("intersect", "intersection")):
+            if pd.notna(getattr(run, rate)):
+                rows.append({"scene": run.title, "tracer": run.tracer, "intersector": run.intersector or "its own",
+                             "name": f"{run.label}, {run.grid}" if run.grid else run.label, "stage": stage,
+                             "variant": run.label, "grid": run.grid, "rate": getattr(run, rate),
+                             "low": getattr(run, f"{rate}_low"), "high": getattr(run, f"{rate}_high"),
+                             "rate_text": charts.interval(runs.diffuse.loc[run.Index], rate),
+                             "rays": charts.number(run.rays), "repetitions": run.repetitions,
+                             **charts.record_facts(runs, run.run)})
+    fields = {"scene": "scene", "variant": "variant", "grid": "grid", "stage": "stage", "rate_text": "million rays/s",
+              "rays": "rays", "repetitions": "repetitions", **charts.RECORD_FIELDS}
+    y = {"field": "name", "type": "nominal", "title": None,
+         "sort": {"field": "rate", "op": "max", "order": "descending"},
+         "axis": {"labelLimit": 330, "grid": True, "labelOverlap": False}}
+    x = {"type": "quantitative", "title": "million rays per second", "axis": {"tickCount": 6},
+         "scale": {"type": "log", "nice": False, "padding": 12}}
+    colour = charts.by_tracer(rows)
+    layers = [
+        {"mark": {"type": "rule"}, "encoding": {"y": y, "x": {**x, "field": "low"}, "x2": {"field": "high"},
+                                                "color": colour}},
+        {"mark": {"type": "point", "filled": True, "size": 60}, "encoding": {
+            "y": y, "x": {**x, "field": "rate"}, "color": colour, "tooltip": charts.tooltip(fields)}}]
+    filters = {"scene": "scene", "tracer": "tracer", "intersector": "ray/triangle test", "stage": "stage"}
+    return charts.explored(rows, filters, layers, 40 + 18 * len({row["name"] for row in rows}),
+                           defaults={"stage": "whole trace"})
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):

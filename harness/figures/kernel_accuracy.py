@@ -17,6 +17,7 @@ ORDER = 92
 SECTION = "Speed against accuracy"
 TITLE = "Ray/triangle tests alone: rate against worst errors"
 NEEDS = "stability.json with the families A1 to A3 and the rates of the tests"
+FILES = ("stability.json",)
 FAMILIES = ("A1", "A2", "A3")
 PANELS = ("band_ulp", "residual_p99_ulp")
 Y = "tests_per_second"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
+from harness.figures import chart as charts
 from harness.figures import style
 from harness.figures.runs import Runs, main_workload, rays_note
 
@@ -54,6 +55,41 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
             "horizontal axis counts leaf cells an axis over the whole scene. Solid: the whole trace; dashed: "
             "the intersection stage alone. Below: bytes of the grid. The dotted line is the paper's 128. "
             f"{rays_note(numbers)}")
+
+
+def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
+    """The same runs to explore: a line a tracer and stage, hover for the record."""
+    rows = []
+    for row in numbers.itertuples():
+        for rate, stage in (("total", "whole trace"), ("intersect", "intersection")):
+            name = f"{rate}_mrays_per_s"
+            if pd.notna(getattr(row, name)):
+                rows.append({"scene": row.scene, "tracer": row.tracer, "intersector": row.intersector, "stage": stage,
+                             "cells": row.cells_per_axis, "grid": row.grid, "rate": getattr(row, name),
+                             "low": getattr(row, f"{name}_low"), "high": getattr(row, f"{name}_high"),
+                             "rate_text": charts.interval(numbers.loc[row.Index], name),
+                             "megabytes": charts.number(row.grid_megabytes), "rays": charts.number(row.rays),
+                             **charts.record_facts(runs, row.runs)})
+    fields = {"scene": "scene", "tracer": "tracer", "stage": "stage", "grid": "grid", "rate_text": "million rays/s",
+              "megabytes": "grid (MB)", "rays": "rays", **charts.RECORD_FIELDS}
+    x = {"field": "cells", "type": "quantitative", "title": "leaf cells per axis over the scene",
+         "scale": {"type": "log", "base": 2, "nice": False, "padding": 12},
+         "axis": {"values": sorted(map(int, numbers["cells_per_axis"].unique()))}}
+    y = {"type": "quantitative", "scale": {"type": "log", "nice": False, "padding": 12},
+         "title": "million rays per second"}
+    colour = charts.by_tracer(rows)
+    dash = {"field": "stage", "type": "nominal", "title": None,
+        "scale": {"domain": ["whole trace", "intersection"], "range": [[1, 0], [5, 3]]}}
+    detail = {"field": "scene", "type": "nominal"}
+    layers = [
+        {"mark": {"type": "line"}, "encoding": {"x": x, "y": {**y, "field": "rate"}, "color": colour,
+                                                "strokeDash": dash, "detail": detail}},
+        {"mark": {"type": "rule"}, "encoding": {"x": x, "y": {**y, "field": "low"}, "y2": {"field": "high"},
+                                                "color": colour}},
+        {"mark": {"type": "point", "filled": True, "size": 60}, "encoding": {
+            "x": x, "y": {**y, "field": "rate"}, "color": colour, "tooltip": charts.tooltip(fields)}}]
+    filters = {"scene": "scene", "tracer": "tracer", "intersector": "ray/triangle test", "stage": "stage"}
+    return charts.explored(rows, filters, layers, 360)
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):

@@ -10,10 +10,12 @@ from pathlib import Path
 
 import pandas as pd
 
+from harness.accuracy_rows import source_of
 from harness.coherence_rows import coherence_file
 from harness.data import STAGES
 from harness.errors import DefrayError
 from harness.ladder import SIZES
+from harness.machines import key_of
 from harness.roofline_rows import roofline_file
 from harness.stats import interval, rates_of, ratio
 
@@ -22,11 +24,12 @@ TRACERS = ("deferred", "work-optimal", "forward", "brute", "embree")
 RATES = ("traverse", "intersect", "total")
 WORKLOAD = ["scene", "view", "rays", "seed"]
 SAME_WORK = [*WORKLOAD, "grid"]
+STAND_IN = "-stand-in"
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """What a report is drawn from: the latest record of each run, and what stands beside them.
+    """What a report is drawn from, of one machine: the latest record of each run, and what stands beside them.
 
     `accuracy`: the latest rows of accuracy.jsonl on the report's device, `precision` those of precision.jsonl.
     `stability`: the rows of stability.json, and `kernel_rates` its rates of tests. Each is empty without its file.
@@ -40,12 +43,23 @@ class Runs:
     precision: list[dict] = field(default_factory=list)
     stability: list[dict] = field(default_factory=list)
     kernel_rates: list[dict] = field(default_factory=list)
+    machine: str = ""  # its title, where the folder holds several
+    suffix: str = ""  # of the names of its files, likewise
+    own: Path | None = None  # where the machine's own files are, if not in `folder`
+
+    @cached_property
+    def home(self) -> Path:
+        """Where the files are that a folder has one of for each machine."""
+        return self.own or self.folder
 
     @cached_property
     def all(self) -> pd.DataFrame:
         """Every run, in an order that does not depend on when it was measured: the paper's order of scenes,
         then kind and number of rays, grid, tracer, intersector, options."""
         rows = pd.DataFrame([row_of(record, self.scene_title) for record in self.records])
+        sources = rows.groupby("scene")["source"].transform("nunique") > 1
+        both = sources & (rows["source"] == "stand-in")
+        rows.loc[both, "scene"] = [stand_in_name(name) for name in rows.loc[both, "scene"]]
         rows["place"] = [self.scene_place(name) for name in rows["scene"]]
         rows["order"] = [order_of(row) for row in rows.itertuples()]
         by = ["place", "triangles", "scene", "order"]
@@ -120,7 +134,8 @@ class Runs:
 
     def published_scene(self, scene: str) -> dict | None:
         """What the paper says of this scene."""
-        return next((one for one in self.published["scene"] if plain(one["name"]) == plain(scene)), None)
+        name = plain(scene.removesuffix(STAND_IN))
+        return next((one for one in self.published["scene"] if plain(one["name"]) == name), None)
 
     def title_of(self, facts: dict) -> str:
         """Title of the scene that a row's `scene` describes; a stand-in is called a stand-in."""
@@ -137,7 +152,7 @@ class Runs:
     def scene_place(self, scene: str) -> int:
         """Position of a scene in the paper's figure 1; scenes it lacks come after."""
         names = [plain(one["name"]) for one in self.published["scene"]]
-        base = plain(rung_of(scene)[0])
+        base = plain(rung_of(scene)[0].removesuffix(STAND_IN))
         return names.index(base) if base in names else len(names)
 
     def command_of(self, ids) -> list[str]:
@@ -162,6 +177,12 @@ def rung_of(scene: str) -> tuple[str, str]:
     return (base, size) if mark and size in SIZES else (scene, "1")
 
 
+def stand_in_name(scene: str) -> str:
+    """A stand-in's name in a folder that also holds the real scene: `sponza-stand-in`, `sponza-stand-in@1/4`."""
+    base, size = rung_of(scene)
+    return base + STAND_IN + ("" if size == "1" else f"@{size}")
+
+
 def plain(name: str) -> str:
     """A scene's name without case, spaces and hyphens."""
     return re.sub(r"[^a-z0-9]", "", name.lower())
@@ -173,8 +194,8 @@ def as_command(command) -> str:
 
 
 def latest(records: list[dict]) -> list[dict]:
-    """The last record of each run on each device: a run measured again replaces the earlier one."""
-    kept = {(record["id"], record["machine"].get("device")): record for record in records}
+    """The last record of each run on each machine and geometry: a run measured again replaces the earlier one."""
+    kept = {(record["id"], key_of(record["machine"]), *source_of(record["scene"])): record for record in records}
     return list(kept.values())
 
 

@@ -10,18 +10,18 @@ import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
 
+from harness.figures import chart as charts
 from harness.figures import style
 from harness.figures.contenders import accuracy_table, family_of, marks
 from harness.figures.metrics import METRICS, frontier
 from harness.figures.runs import Runs, rays_note
-from harness.plan import check_variant
-from harness.spec import Variant
 
 ORDER = 90
 SECTION = "Speed against accuracy"
 TITLE = "Whole trace against leaks of rays aimed at edges and vertices"
 NEEDS = "rows of 'defray accuracy'"
 X, Y = "leak_rate", "rate"
+DEFAULT = "deferred:ray-space"  # what `check_variant` makes of the bare deferred tracer
 LINE = 7.4  # points from one line of a name to the next
 LETTER = 3.6  # points a letter of a name is wide, with its share of the margin
 
@@ -46,7 +46,7 @@ def select(runs: Runs) -> pd.DataFrame:
         "minus_log10_leak_bound": -np.log10(table["leak_bound"]),
         "total_mrays_per_s": table["rate"], "total_mrays_per_s_low": table["rate_low"],
         "total_mrays_per_s_high": table["rate_high"], "t_error_p99": table["t_error_p99"],
-        "default": table["variant"] == str(check_variant(Variant(tracer="deferred"))),
+        "default": table["variant"] == DEFAULT,
         "on_frontier": table["on_frontier"], "on_own_frontier": table["on_own_frontier"],
         "within_noise": table["within_noise"], "runs": table["run"],
     })
@@ -95,6 +95,36 @@ def standing_of(name: str, scene: pd.DataFrame) -> str:
               for row in best if row["total_mrays_per_s"] > default["total_mrays_per_s"]]
     return text + (f"with as few leaks, {' and '.join(dict.fromkeys(faster))}" if faster
                    else "nothing with as few leaks is faster")
+
+
+def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
+    """The same points to explore: hover for the record, choose scene, tracer and ray/triangle test."""
+    rows = [{"scene": row.scene, "tracer": row.tracer, "intersector": row.intersector or "Embree's own",
+             "family": family_of(row.intersector)[1], "variant": row.variant, "x": row.minus_log10_leak_bound,
+             "rate": row.total_mrays_per_s, "low": row.total_mrays_per_s_low, "high": row.total_mrays_per_s_high,
+             "rate_text": charts.interval(numbers.loc[row.Index], "total_mrays_per_s"),
+             "leaks": f"{row.leaks:,} of {row.aimed_rays:,} aimed rays", "t_error": charts.number(row.t_error_p99),
+             "frontier": "on its tracer's frontier" if row.on_own_frontier else "beaten",
+             **charts.record_facts(runs, row.runs)} for row in numbers.itertuples()]
+    fields = {"scene": "scene", "variant": "variant", "rate_text": "million rays/s", "leaks": "leaks",
+              "t_error": "t error, 99th percentile", "frontier": "standing", **charts.RECORD_FIELDS}
+    x = {"field": "x", "type": "quantitative", "title": "−log10 of the leak rate, upper 95 % bound",
+         "scale": {"zero": False, "padding": 12}}
+    y = {"type": "quantitative", "scale": {"type": "log", "nice": False, "padding": 12},
+         "title": "million rays per second, whole trace"}
+    families = list(dict.fromkeys(family_of(name) for name in numbers["intersector"]))
+    shape = {"field": "family", "type": "nominal", "title": None, "scale": {
+        "domain": [name for _, name in families], "range": [charts.SHAPES[mark] for mark, _ in families]}}
+    colour = charts.by_tracer(rows)
+    pale = {"condition": {"test": "datum.frontier == 'beaten'", "value": 0.4}, "value": 1}
+    layers = [
+        {"mark": {"type": "rule"}, "encoding": {"x": x, "y": {**y, "field": "low"}, "y2": {"field": "high"},
+                                                "color": colour, "opacity": pale}},
+        {"mark": {"type": "point", "filled": True, "size": 70}, "encoding": {
+            "x": x, "y": {**y, "field": "rate"}, "color": colour, "shape": shape, "opacity": pale,
+            "tooltip": charts.tooltip(fields)}}]
+    filters = {"scene": "scene", "tracer": "tracer", "intersector": "ray/triangle test"}
+    return charts.explored(rows, filters, layers, 420)
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):

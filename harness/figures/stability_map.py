@@ -17,6 +17,7 @@ ORDER = 91
 SECTION = "Speed against accuracy"
 TITLE = "Stability: where methods fail"
 NEEDS = "stability.json, which 'defray stability' writes"
+FILES = ("stability.json",)
 ALL_LOST = 0.999  # share of a family's rays lost from which on a cell is grey
 OTHER_FAULTS = ("double_hits", "nonfinite", "self_hits", "tunnels")
 LIMITS = {"rate": (-6.0, 0.0), "ulp": (0.0, 6.0)}  # decades over which a cell turns from pale to full colour

@@ -6,6 +6,7 @@ In the report each colour becomes a CSS variable, so that a figure follows the p
 
 from __future__ import annotations
 
+import base64
 import io
 import re
 from collections.abc import Sequence
@@ -15,10 +16,14 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
+from PIL import Image
 
 WIDE, NARROW = 7.2, 3.9  # inches: two columns of a page, and a telephone
 FORMATS = ("svg", "pdf", "png")
+STRIP = 0.13  # inches below a figure for its id
 
 INK, MUTED, RULE, BAND, PAGE = "#16181b", "#5d636b", "#d5d8dc", "#f1f3f5", "#fffffe"
 BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY = (
@@ -51,11 +56,19 @@ RC = {
 
 @contextmanager
 def style():
-    """Draw and save inside this; nothing of the caller's matplotlib settings leaks in or out."""
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(RC)
-        yield
+    """Draw and save inside this; nothing of the caller's matplotlib settings leaks in or out.
+
+    Only matplotlib's own fonts are seen: a system may have another DejaVu, whose letters are other bytes.
+    """
+    fonts, own = fontManager.ttflist, matplotlib.get_data_path()
+    fontManager.ttflist = [font for font in fonts if font.fname.startswith(own)]
+    try:
+        with matplotlib.rc_context():
+            matplotlib.rcdefaults()
+            matplotlib.rcParams.update(RC)
+            yield
+    finally:
+        fontManager.ttflist = fonts
 
 
 def canvas(height: float, narrow: bool) -> Figure:
@@ -77,20 +90,37 @@ def settle(figure: Figure) -> Figure:
     return figure
 
 
-def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write `stem`.svg, .pdf and .png, without a date, so that a redraw is the same bytes."""
+def save(figure: Figure, stem: Path, mark: str = "") -> list[Path]:
+    """Write `stem`.svg, .pdf and .png, without a date, so that a redraw is the same bytes; `mark`: see `marked`."""
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
     paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in FORMATS]
-    for path in paths:
-        figure.savefig(path, format=path.suffix[1:], metadata=undated[path.suffix[1:]])
+    with marked(figure, mark) as area:
+        for path in paths:
+            figure.savefig(path, format=path.suffix[1:], metadata=undated[path.suffix[1:]], bbox_inches=area)
     return paths
 
 
-def svg_text(figure: Figure) -> str:
+def svg_text(figure: Figure, mark: str = "") -> str:
     """The figure as SVG, as `save` writes it."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    with marked(figure, mark) as area:
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, bbox_inches=area)
     return buffer.getvalue()
+
+
+@contextmanager
+def marked(figure: Figure, mark: str):
+    """Inside this, `mark` stands small in a strip below the figure; gives the area to save, None without a mark."""
+    if not mark:
+        yield None
+        return
+    width, height = figure.get_size_inches()
+    text = figure.text(1 - 0.04 / width, (STRIP - 0.11) / -height, mark, ha="right", va="baseline", fontsize=5,
+                       color=MUTED)
+    try:
+        yield Bbox.from_extents(0, -STRIP, width, height)
+    finally:
+        text.remove()
 
 
 def inline_svg(text: str, name: str) -> str:
@@ -104,7 +134,18 @@ def inline_svg(text: str, name: str) -> str:
     text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
     for colour, token in TOKENS.items():
         text = text.replace(colour, f"var(--{token})")
-    return text.strip()
+    text = re.sub(r'(?<=data:image/)png;base64,([^"]+)', lambda found: _lighter(found[1]), text)
+    # Two decimals of a point are less than a pixel, and half of the page's weight.
+    text = re.sub(r'(?<= )(d|x|y)="[^"]+"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
+    return re.sub(r"\n\s*", "\n", text).strip()
+
+
+def _lighter(png: str) -> str:
+    """A picture, base64 of a PNG, as the end of a data URI that weighs less: WebP."""
+    with Image.open(io.BytesIO(base64.b64decode(png))) as picture:
+        buffer = io.BytesIO()
+        picture.convert("RGB").save(buffer, format="webp", quality=80, method=6)
+    return f"webp;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 def of_intersector(name: str | None, number: int = 0) -> tuple[str, str]:

@@ -6,13 +6,13 @@ import matplotlib.image
 import pandas as pd
 
 from harness.figures import style
-from harness.figures.runs import Runs
-from harness.render import STAND_IN
+from harness.figures.runs import STAND_IN, Runs
 
 ORDER = 12
 SECTION = "Scenes"
 TITLE = "Real scenes and their stand-ins"
 NEEDS = "runs on real scenes, and the pictures that 'defray views' renders of them and of their stand-ins"
+FILES = ("views/*.png",)
 HEADINGS = ("real", "stand-in")
 
 
@@ -25,7 +25,7 @@ def select(runs: Runs) -> pd.DataFrame:
 
 
 def _stand_in_file(runs: Runs, name: str):
-    return runs.view_file(name).with_name(name + STAND_IN)
+    return runs.view_file(name).with_name(f"{name}{STAND_IN}.png")
 
 
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:

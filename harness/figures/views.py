@@ -15,6 +15,7 @@ ORDER = 10
 SECTION = "Figure 1 of the paper"
 TITLE = "Views"
 NEEDS = "any run, and the pictures in views/"
+FILES = ("views/*.png",)
 
 
 def select(runs: Runs) -> pd.DataFrame:

@@ -11,10 +11,11 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from rich.table import Table
 
+from harness import digest
 from harness.errors import DefrayError
 from harness.stability.suite import families
 
-SCHEMA = 1
+SCHEMA = 2  # 1 had no digest; `defray migrate` brings it here
 Count = Annotated[int, Field(ge=0)]
 Size = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 FILE = "stability.json"
@@ -95,6 +96,7 @@ class Results(Part):
     schema_: int = Field(default=SCHEMA, alias="schema")
     machine: dict
     contracts: dict[Literal["off", "on"], bool]
+    migrated_utc: str | None = None
     rows: list[Row]
     kernel_rates: list[KernelRate] = Field(default_factory=list)
 
@@ -125,13 +127,18 @@ class ResultsFile:
         results = self.results
         results.rows = _replaced(results.rows, [Row(**row) for row in rows])
         results.kernel_rates = _replaced(results.kernel_rates, [KernelRate(**rate) for rate in kernel_rates])
-        part = self.file.with_suffix(".part")
-        part.write_text(results.model_dump_json(by_alias=True, indent=1) + "\n")
-        part.replace(self.file)
+        write_results(self.file, results)
 
 
 def _replaced(old: list, new: list) -> list:
     return list(({one.key: one for one in old} | {one.key: one for one in new}).values())
+
+
+def write_results(file: Path, results: Results) -> None:
+    """Write the file with its digest, whole or not at all."""
+    part = file.with_suffix(".part")
+    part.write_text(json.dumps(digest.sealed(results.model_dump(mode="json", by_alias=True)), indent=1) + "\n")
+    part.replace(file)
 
 
 def read_results(folder: Path) -> Results | None:
@@ -143,9 +150,15 @@ def read_results(folder: Path) -> Results | None:
         data = json.loads(file.read_text())
     except ValueError as error:
         raise DefrayError(f"{file} is no result of the stress suite: {error}") from None
-    schema = data.get("schema") if isinstance(data, dict) else None
-    if schema != SCHEMA:
-        raise DefrayError(f"{file} has schema {schema}, this version reads {SCHEMA}")
+    if not isinstance(data, dict):
+        raise DefrayError(f"{file} is no result of the stress suite: not a JSON object")
+    digest.check_schema(data, SCHEMA, str(file))
+    digest.needs_digest(data, str(file))
+    return as_results(digest.unsealed(data, str(file)), file)
+
+
+def as_results(data: dict, file: Path) -> Results:
+    """`data` as the content of `file`; raises DefrayError for what the suite did not write."""
     try:
         return Results(**data)
     except (TypeError, ValidationError) as error:

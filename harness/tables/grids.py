@@ -24,7 +24,8 @@ def _numbers(run: pd.Series) -> dict:
     return {"scene": run["title"], "triangles": triangles, "grid": run["grid"], "cells": grid.get("cells"),
             "nonempty": grid.get("nonempty"), "references": references,
             "references_per_triangle": references / triangles if references and triangles else None,
-            "grid_megabytes": bytes_of(grid) / 1e6, "build_seconds": grid.get("build_seconds")}
+            "grid_megabytes": bytes_of(grid) / 1e6, "build_seconds": grid.get("build_seconds"),
+            "runs": run["run"]}
 
 
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:

@@ -10,6 +10,7 @@ ORDER = 65
 SECTION = "End to end"
 TITLE = "Published elsewhere: other hardware and rays"
 NEEDS = "nothing: these are others' numbers"
+FILES = ("harness/paper/published.toml",)
 
 
 def select(runs: Runs) -> pd.DataFrame:

@@ -14,10 +14,12 @@ NEEDS = "any run"
 
 def select(runs: Runs) -> pd.DataFrame:
     """One row a scene."""
-    scenes = runs.scenes
-    digests = {record["scene"]["name"]: record["scene"].get("sha256", "") for record in runs.records}
-    return pd.DataFrame({"scene": scenes["title"], "source": scenes["source"],
-                         "triangles": scenes["triangles"], "sha256": scenes["scene"].map(digests)})
+    found = []
+    for _, rows in runs.all.groupby("scene", sort=False):
+        one = rows.iloc[0]
+        found.append({"scene": one["title"], "source": one["source"], "triangles": one["triangles"],
+                      "sha256": one["record"]["scene"].get("sha256", ""), "runs": " ".join(rows["run"])})
+    return pd.DataFrame(found)
 
 
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:

@@ -1,0 +1,80 @@
+"""`env.json`: everything of a machine that a result may depend on, as far as it can be read."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from importlib import metadata
+from pathlib import Path
+
+from harness.device import machine_description, probe_all
+from harness.record import commit_and_dirty, now_utc
+
+CPU = Path("/sys/devices/system/cpu")
+TURBO = {"intel_pstate/no_turbo": {"0": "on", "1": "off"}, "cpufreq/boost": {"1": "on", "0": "off"}}
+
+
+def environment_description(device) -> dict:
+    """The machine as records have it, and beside it what they do not repeat: caches, turbo, every OpenCL device,
+    every installed package, compilers, commit. What cannot be read is None or missing."""
+    commit, dirty = commit_and_dirty()
+    return {
+        **machine_description(device),
+        "logical_cpus": os.cpu_count(),
+        "caches": caches(),
+        "turbo": turbo(),
+        "frequency_mhz": _number(_read(CPU / "cpu0/cpufreq/scaling_cur_freq"), 1e-3),
+        "load_average": list(os.getloadavg()) if hasattr(os, "getloadavg") else None,
+        "opencl_devices": [{"device": probe.title, "version": probe.version, "works": probe.ok,
+                            "message": probe.message} for probe in probe_all()],
+        "packages": packages(),
+        "compiler": _first_line(["cc", "--version"]),
+        "commit": commit,
+        "dirty": dirty,
+        "described_utc": now_utc(),
+    }
+
+
+def caches(cpu: Path = CPU) -> dict[str, str]:
+    """Size of each cache of the first core by level and kind, `{"L1 data": "32K"}`."""
+    found = {}
+    for folder in sorted((cpu / "cpu0/cache").glob("index*")):
+        level, kind, size = (_read(folder / name) for name in ("level", "type", "size"))
+        if level and size:
+            found[f"L{level}" + (f" {kind.lower()}" if kind and kind != "Unified" else "")] = size
+    return found
+
+
+def turbo(cpu: Path = CPU) -> str | None:
+    """`on` or `off`; None where the system does not say."""
+    for path, meanings in TURBO.items():
+        value = _read(cpu / path)
+        if value in meanings:
+            return meanings[value]
+    return None
+
+
+def packages() -> dict[str, str]:
+    """Version of every installed Python package."""
+    found = {distribution.metadata["Name"]: distribution.version for distribution in metadata.distributions()}
+    return {name: found[name] for name in sorted(found, key=str.lower) if name}
+
+
+def _read(path: Path) -> str | None:
+    try:
+        return path.read_text().strip()
+    except OSError:
+        return None
+
+
+def _number(text: str | None, factor: float) -> float | None:
+    return float(text) * factor if text and re.fullmatch(r"\d+", text) else None
+
+
+def _first_line(command: list[str]) -> str | None:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.splitlines()[0] if done.returncode == 0 and done.stdout else None

@@ -1,0 +1,137 @@
+"""Where each figure and table comes from: a sidecar beside its files, and the short id that the figure shows.
+
+The id is made of the figure's name, its numbers and the digests of the records behind them: other records or other
+numbers, another id; the same records drawn again, the same id, on whatever machine.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+from pathlib import Path
+
+from harness.digest import KEY
+from harness.errors import DefrayError
+from harness.figures.runs import Runs
+from harness.machines import key_of
+
+ROOT = Path(__file__).parents[1]
+SHARED = ("harness/figures/style.py", "harness/figures/runs.py", "harness/stats.py")
+OWN = ("env.json", "sweep.json", "stability.json")
+
+
+def sidecar(runs: Runs, index: dict, name: str, module, numbers, csv: str) -> dict:
+    """What is known of one figure or table; JSON, equal from equal records.
+
+    `index`: as `index_of` makes it of the folder. `records`: those behind its rows, by the id columns of `numbers`.
+    `files`: what it reads beside them, or every file of rows where its numbers name no record.
+    """
+    ids = ids_of(numbers)
+    records = records_behind(runs, index, ids)
+    files = files_behind(runs, module) if getattr(module, "FILES", ()) or not records else {}
+    parts = [name, csv, *(one[KEY] for one in records), *files.values()]
+    return {
+        "id": hashlib.sha256("\n".join(parts).encode()).hexdigest()[:8],
+        "name": name,
+        "title": module.TITLE,
+        "filter": {"needs": module.NEEDS, "select": first_line(module.select), **scope_of(numbers)},
+        "records": records,
+        "files": files,
+        "numbers_sha256": hashlib.sha256(csv.encode()).hexdigest(),
+        "script": script_of(module),
+        "shared_scripts": {path: sha256_of(ROOT / path) for path in SHARED},
+        "commits": list(dict.fromkeys(one["commit"] for one in records)),
+        "commands": runs.command_of(ids),
+        "redraw": f"defray report DIR --only {name}",
+        "machine": machine_of(runs),
+    }
+
+
+def ids_of(numbers) -> list[str]:
+    """Ids of the records that the rows name, each once, in order."""
+    texts = [text for column in ("runs", "run") if column in numbers for text in numbers[column].dropna()]
+    return list(dict.fromkeys(" ".join(map(str, texts)).split()))
+
+
+def records_behind(runs: Runs, index: dict, ids: list[str]) -> list[dict]:
+    """Id, file, digest and commit of each record of this machine with one of these ids; the latest of each.
+
+    Raises DefrayError for an id that no file of the folder has.
+    """
+    machine = machine_key(runs)
+    found = []
+    for identity in ids:
+        rows = index.get(identity, [])
+        if not rows:
+            raise DefrayError(f"a figure names record {identity}, which is in no file of {runs.folder}")
+        here = [row for row in rows if row["machine"] == machine] or rows
+        found += [{key: row[key] for key in ("id", "file", KEY, "commit")} for row in here[-1:]]
+    return found
+
+
+def index_of(folder: Path) -> dict[str, list[dict]]:
+    """Every row of the folder's files by id, as they are on file."""
+    found: dict[str, list[dict]] = {}
+    for path in sorted(folder.glob("*.jsonl")):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                row = json.loads(line)
+            except ValueError:
+                continue  # a torn last line, which the reader has warned of
+            if isinstance(row, dict) and KEY in row:
+                found.setdefault(row.get("id", ""), []).append(
+                    {"id": row.get("id", ""), "file": path.name, KEY: row[KEY], "commit": row.get("commit", ""),
+                     "machine": key_of(row.get("machine") or {})})
+    return found
+
+
+def files_behind(runs: Runs, module) -> dict[str, str]:
+    """SHA-256 of the files that `module` says it reads, of every file of rows where it says nothing."""
+    found = {}
+    for pattern in getattr(module, "FILES", ("*.jsonl", "stability.json")):
+        base = ROOT if pattern.startswith("harness/") else runs.home if pattern in OWN else runs.folder
+        found |= {path.relative_to(base).as_posix(): sha256_of(path) for path in sorted(base.glob(pattern))}
+    return found
+
+
+def scope_of(numbers) -> dict[str, list]:
+    """The scenes, tracers, grids, kinds and numbers of rays among the rows."""
+    found = {}
+    for column in ("scene", "tracer", "intersector", "grid", "kind", "rays"):
+        if column in numbers:
+            values = [value for value in dict.fromkeys(numbers[column].dropna()) if value != ""]
+            found[column] = [value if isinstance(value, str) else int(value) for value in values]
+    return found
+
+
+def script_of(module) -> dict[str, str]:
+    """Path and SHA-256 of the file that draws."""
+    path = Path(inspect.getfile(module))
+    return {"path": path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name,
+            "sha256": sha256_of(path)}
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def first_line(function) -> str:
+    """What a function says it does."""
+    return (inspect.getdoc(function) or "").split("\n")[0]
+
+
+def machine_key(runs: Runs) -> tuple:
+    """The key of the machine of these runs."""
+    rows = [*runs.records, *runs.accuracy]
+    return next((key_of(row["machine"]) for row in rows if row["machine"].get("device") == runs.device),
+                key_of(rows[0]["machine"]) if rows else ())
+
+
+def machine_of(runs: Runs) -> dict:
+    """The machine as its records have it."""
+    rows = [*runs.records, *runs.accuracy]
+    machines = [row["machine"] for row in rows if key_of(row["machine"]) == machine_key(runs)]
+    return machines[0] if machines else {}
+
