@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from harness.accuracy_rows import checked_row
 from harness.record import Agreement, CounterValues, GridFacts, Part, Provenance, Rate, RayFacts, RecordFile
 
-SCHEMA = 1
+SCHEMA = 2
 FILE = "roofline.jsonl"
 
 
