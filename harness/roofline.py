@@ -76,7 +76,7 @@ def facts_of(group: Group, run: Run) -> Facts:
         walked=walked,
         lanes=tracer.lanes,
         first_level=grid.top_block.nbytes if grid else 0,
-        second_level=grid.bricks.nbytes if grid else 0,
+        second_level=grid.leaves.nbytes if grid else 0,
         cells=grid.nonempty if grid else 0,
         references=len(grid.references) if grid else 0,
         triangles=len(group.shared.scene),

@@ -15,6 +15,8 @@ from harness.claims.outcome import Bound, Outcome, every, most, some
 from harness.claims.rules import rule_types
 from harness.claims.rules.source import Rule as SourceRule
 from harness.claims.rules.source import operations
+from harness.coherence_rows import SCHEMA
+from harness.digest import sealed
 from harness.errors import DefrayError
 from harness.figures.runs import Runs, read_published
 from harness.intersectors import find
@@ -246,12 +248,13 @@ def coherence_rows(folder, steps: dict[str, int]) -> None:
         counts = [{"model": model, "lanes": 32, "steps": 3200, "step_trips": trips, "tests": 32, "test_trips": 1,
                    **zeros} for model, trips in steps.items()]
         grid = dict.fromkeys(("cells", "nonempty", "references", "bytes"), 9)
-        row = {"schema": 1, "id": f"coherence {scene}", "time_utc": "", "command": "", "commit": "", "dirty": False,
-               "machine": machine, "scene": {"name": scene, "source": "real", "triangles": 9, "sha256": ""},
+        row = {"schema": SCHEMA, "id": f"coherence {scene}", "time_utc": "", "command": "", "commit": "",
+               "dirty": False, "machine": machine,
+               "scene": {"name": scene, "source": "real", "triangles": 9, "sha256": ""},
                "intersector": "ray-space", "wave": 4, "rays": {"kind": "diffuse", "count": 9, "seed": 1},
                "grid": grid | {"top": 8, "leaf": 128, "reading": "total", "build_seconds": 1.0}, "counts": counts}
         with open(folder / "coherence.jsonl", "a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+            file.write(json.dumps(sealed(row)) + "\n")
 
 
 @pytest.mark.parametrize(("trips", "expected"), [((100, 200), "inconclusive"), ((200, 200), "contradicted"),
@@ -413,6 +416,6 @@ def test_lines_are_counted_a_test_so_that_idle_lanes_share_nothing(tmp_path):
         few, many = row["counts"]
         few |= {"tests": 4, "line_trips": 1, "line_tests": 4, "lines_64": 6, "lines_128": 6}
         many |= {"line_trips": 1, "line_tests": 32, "lines_64": 12, "lines_128": 12}
-    file.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+    file.write_text("".join(json.dumps(sealed(row)) + "\n" for row in rows), encoding="utf-8")
     judged = verdict(rule, [], folder=tmp_path)
     assert judged.verdict == "reproduced" and judged.measured == "4 to 4"

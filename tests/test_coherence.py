@@ -127,8 +127,10 @@ def test_sequences_make_the_counts_of_the_tracers(device, spec, lanes):
         counters = tracers.find(name)(setting, TEST, options).count(rays)
         sequences = record_sequences(setting, TEST, rays, wave)
         compare_counts(sequences, lists, counters, name)
-    # Chunks are those that the deferred tracer runs, idle lanes included.
-    assert counters.lane_tests == lanes * deferred_coherence(sequences, lists, lanes)[0].test_trips
+    # Chunks are those of the deferred tracer, idle lanes included, but that it tests few rays a triangle a lane.
+    trips = deferred_coherence(sequences, lists, lanes)[0].test_trips
+    assert counters.tests <= counters.lane_tests <= lanes * trips
+    assert lanes > 1 or counters.lane_tests == trips
     with pytest.raises(DefrayError, match="tests, but the tracer counts"):
         compare_counts(sequences, lists, dataclasses.replace(counters, tests=counters.tests + 1), "deferred")
 

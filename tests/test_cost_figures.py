@@ -45,8 +45,8 @@ def test_one_arrangement_is_no_comparison(tmp_path):
 
 
 def test_the_power_of_the_number_of_rays_is_found(tmp_path):
-    records = [deferred("sponza", walk=f, work=f, rays=rays)
-               for rays, f in ((RAYS // 16, 2.0), (RAYS // 4, 2**0.5), (RAYS, 1.0), (RAYS * 4, 0.5**0.5))]
+    series = (RAYS // 16, 2.0), (RAYS // 4, 2**0.5), (RAYS, 1.0), (RAYS * 4, 0.5**0.5), (RAYS * 16, 0.5)
+    records = [deferred("sponza", walk=f, work=f, rays=rays) for rays, f in series]
     records.append(deferred("crown", rays=RAYS))
     numbers = ray_count.select(runs_of(records, tmp_path))
     assert set(numbers["name"]) == {"sponza"}, "one number of rays is no series"

@@ -71,7 +71,7 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     for tracer, rows in numbers.groupby("tracer", sort=False):
         text += _sentence(tracer, rows.iloc[0])
     grids = [grid for grid in dict.fromkeys(numbers["grid"]) if grid]
-    return (f"{text} Powers are fitted with a factor for each scene, with bootstrap intervals over the runs. More "
+    return (f"{text} Powers are fitted with a factor for each scene, with Student's 95 % intervals. More "
             "rays than a batch are traced batch after batch, in the same device memory. "
             f"Grid {', '.join(grids)}.")
 
