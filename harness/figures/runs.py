@@ -20,7 +20,7 @@ from harness.roofline_rows import roofline_file
 from harness.stats import interval, rates_of, ratio
 
 PUBLISHED = Path(__file__).parents[1] / "paper" / "published.toml"
-TRACERS = ("deferred", "work-optimal", "forward", "brute", "embree")
+TRACERS = ("deferred", "streamed", "work-optimal", "forward", "brute", "embree")
 RATES = ("traverse", "intersect", "total")
 WORKLOAD = ["scene", "view", "rays", "seed"]
 SAME_WORK = [*WORKLOAD, "grid"]

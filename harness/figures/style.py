@@ -31,8 +31,10 @@ BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY = (
 TOKENS = {INK: "ink", MUTED: "muted", RULE: "rule", BAND: "band", PAGE: "page", BLUE: "blue",
           ORANGE: "orange", GREEN: "green", RED: "red", PINK: "pink", SKY: "sky", GREY: "grey"}
 
-TRACER_COLOURS = {"deferred": BLUE, "forward": RED, "work-optimal": ORANGE, "embree": GREEN, "brute": GREY}
-TRACER_MARKERS = {"deferred": "o", "forward": "s", "work-optimal": "D", "embree": "^", "brute": "v"}
+TRACER_COLOURS = {"deferred": BLUE, "streamed": PINK, "forward": RED, "work-optimal": ORANGE, "embree": GREEN,
+                  "brute": GREY}
+TRACER_MARKERS = {"deferred": "o", "streamed": "P", "forward": "s", "work-optimal": "D", "embree": "^",
+                  "brute": "v"}
 INTERSECTOR_COLOURS = {"ray-space": BLUE, "moller-trumbore": ORANGE}
 INTERSECTOR_MARKERS = {"ray-space": "o", "moller-trumbore": "s"}
 INTERSECTOR_TITLES = {"ray-space": "ray space", "moller-trumbore": "Möller–Trumbore"}
