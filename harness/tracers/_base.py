@@ -136,6 +136,7 @@ class DeviceTracer(Tracer):
         self.grid = setting.grid
         self.counters: cl.array.Array | None = None
         self.batch_size = self.options.batch
+        self._rooms: dict[str, cl.array.Array] = {}
         if intersector and intersector.needs_double and not self.device.has_double:
             raise DefrayError(f"{self.device.name} has no double precision, which {intersector.name} needs")
         if not self.device.has_int64_atomics:
@@ -251,7 +252,18 @@ class DeviceTracer(Tracer):
             self.counters.set(before[0])
             self.counted = before[1]
 
+    def room(self, name: str, count: int) -> cl.array.Array:
+        """An int32 array of at least `count`, kept under its name for the next wave and the next batch: memory that
+        is touched for the first time costs more than what is done with it. Raises BatchTooLarge."""
+        if 4 * count > self.device.max_allocation_bytes:
+            raise BatchTooLarge(f"{4 * count / 2**20:.1f} MiB for its {name}")
+        if name not in self._rooms or len(self._rooms[name]) < count:
+            self._rooms.pop(name, None)  # freed before its successor is made
+            self._rooms[name] = cl.array.empty(self.device.queue, max(count, 1), np.int32)
+        return self._rooms[name]
+
     def _halve(self, count: int, error: Exception) -> None:
+        self._rooms.clear()
         if count <= SMALLEST_BATCH:
             raise DefrayError(f"a batch of {count} rays needs {error}; use a coarser grid") from error
         self.batch_size = -(-count // 2)

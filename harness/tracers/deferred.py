@@ -12,11 +12,10 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from harness.data import Counters, Rays
-from harness.intersectors import Intersector
 from harness.runtime import cl
 from harness.stopwatch import Stopwatch
 from harness.tracers._arrange import Record, TwoPass
-from harness.tracers._base import COUNTERS, Batch, BatchTooLarge, DeviceOptions, DeviceTracer, Setting
+from harness.tracers._base import COUNTERS, Batch, DeviceOptions, DeviceTracer
 from harness.tracers._bins import Bins
 from harness.tracers._bins_group import GroupBins
 from harness.tracers._compaction import compact
@@ -78,10 +77,6 @@ class Deferred(DeviceTracer):
     Options = DeferredOptions
     start_stage = "traverse"
     warm_up_rays = 1 << 20  # PoCL compiles kernels anew for small launches, so few rays would warm only those
-
-    def __init__(self, setting: Setting, intersector: Intersector | None, options: dict[str, str]):
-        super().__init__(setting, intersector, options)
-        self._rooms: dict[str, cl.array.Array] = {}
 
     @property
     def in_groups(self) -> bool:
@@ -145,20 +140,6 @@ class Deferred(DeviceTracer):
             setattr(counted, name, int(value))
         self.counters = None
         return counted
-
-    def room(self, name: str, count: int) -> cl.array.Array:
-        """An int32 array of at least `count`, kept under its name for the next wave and the next batch: memory that
-        is touched for the first time costs more than what is done with it. Raises BatchTooLarge."""
-        if 4 * count > self.device.max_allocation_bytes:
-            raise BatchTooLarge(f"{4 * count / 2**20:.1f} MiB for its {name}")
-        if name not in self._rooms or len(self._rooms[name]) < count:
-            self._rooms.pop(name, None)  # freed before its successor is made
-            self._rooms[name] = cl.array.empty(self.device.queue, max(count, 1), np.int32)
-        return self._rooms[name]
-
-    def _halve(self, count: int, error: Exception) -> None:
-        self._rooms.clear()
-        super()._halve(count, error)
 
     def _count_wave(self, bins: Bins) -> None:
         if self.counters is not None:

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from harness.runtime import cl
 from harness.stopwatch import Stopwatch
-from harness.tracers._base import Batch, BatchTooLarge, DeviceOptions, DeviceTracer
+from harness.tracers._base import Batch, DeviceOptions, DeviceTracer
 
 BLOCK = 1024  # as in kernels/stream.cl
 
@@ -36,18 +36,14 @@ class Streamed(DeviceTracer):
 
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """One kernel; walking, binning and intersecting alternate, so there is only a total."""
-        streams = min(self.options.streams or self.device.compute_units, -(-batch.count // BLOCK))
-        cells, grid = max(self.grid.nonempty, 1), self.grid
-        blocks = -(-batch.count // BLOCK)
+        blocks, grid = -(-batch.count // BLOCK), self.grid
+        cells = max(grid.nonempty, 1)
+        fit = self.device.max_allocation_bytes // (4 * cells * self.lanes)
+        streams = max(1, min(self.options.streams or self.device.compute_units, blocks, fit))
         room = -(-blocks // streams) * BLOCK
-        need = 4 * streams * cells * self.lanes
-        if need > self.device.max_allocation_bytes:
-            raise BatchTooLarge(f"{need / 2**20:.1f} MiB for its bins")
-        queue = self.device.queue
-        active = cl.array.empty(queue, streams * room, np.int32)
-        bins = cl.array.empty(queue, streams * cells * self.lanes, np.int32)
-        filled = cl.array.zeros(queue, streams * cells, np.uint8)
-        listed = cl.array.empty(queue, streams * (cells + 1), np.int32)
+        active, listed = self.room("active rays", streams * room), self.room("listed cells", streams * (cells + 1))
+        bins, filled = self.room("bins", streams * cells * self.lanes), self.room("fills", -(-streams * cells // 4))
+        cl.enqueue_fill_buffer(self.device.queue, filled.data, np.int32(0), 0, filled.nbytes)
         program = self.program("stream.cl", lanes=self.lanes, grid=True, walk_lanes=self.exchanged_lanes)
         program.launch(
             "trace_stream",
