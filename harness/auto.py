@@ -176,7 +176,7 @@ def _with_bins(
     return replace(
         scaled,
         slots=scaled.pairs + empty,
-        lane_tests=scaled.tests * (1 + empty / max(scaled.pairs, 1e-9)),
+        lane_tests=scaled.tests * (1 + model.idle * empty / max(scaled.pairs, 1e-9)),
         cell_waves=trial.nonempty * cells * len(per_wave) / rays,
         waves=len(per_wave) / rays,
     )

@@ -34,7 +34,7 @@ SETTINGS = {
     "deferred": [{**FAST, "wave": "2"}, {**FAST, "wave": "4"}, {**FAST, "wave": "8", "growth": "2"}],
     "forward": [{}],
 }
-FORM = 1  # of the file
+FORM = 2  # of the file
 
 
 def per_axis(grid: AdaptiveGrid) -> float:

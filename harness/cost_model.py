@@ -59,7 +59,8 @@ class CostModel(BaseModel):
     """Coefficients of one tracer with one intersector on one device.
 
     `coefficients`: nanoseconds, by stage and term. `exponents`: of the leaf cells per axis, for each of SCALED.
-    `padding`: measured over predicted padding.
+    `padding`: measured over predicted padding. `idle`: idle lanes' share of lane tests over that of padding among the
+    slots of bins, below 1 as few rays are tested a triangle a lane.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -68,6 +69,7 @@ class CostModel(BaseModel):
     coefficients: dict[str, dict[str, float]]
     exponents: dict[str, float]
     padding: float = 1.0
+    idle: float = 1.0
 
     def nanoseconds(self, work: Work) -> float:
         """Predicted time of one ray."""
@@ -91,7 +93,18 @@ def fit(tracer: str, runs: Sequence[Run]) -> CostModel:
     measured = [r for r in runs if r.predicted_padding > 0]
     ratios = [max(r.work.slots - r.work.pairs, 1e-9) / r.predicted_padding for r in measured]
     padding = float(np.exp(np.mean(np.log(ratios)))) if ratios else 1.0
-    return CostModel(tracer=tracer, coefficients=coefficients, exponents=_exponents(runs), padding=padding)
+    idle = [
+        max(r.work.lane_tests - r.work.tests, 1e-9) * r.work.pairs / (r.work.tests * (r.work.slots - r.work.pairs))
+        for r in measured
+        if r.work.slots > r.work.pairs and r.work.tests > 0
+    ]
+    return CostModel(
+        tracer=tracer,
+        coefficients=coefficients,
+        exponents=_exponents(runs),
+        padding=padding,
+        idle=float(np.exp(np.mean(np.log(idle)))) if idle else 1.0,
+    )
 
 
 def _fit_stage(stage: str, terms: Iterable[str], runs: Sequence[Run]) -> dict[str, float]:
