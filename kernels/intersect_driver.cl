@@ -43,5 +43,5 @@ kernel void intersect_all(const int chunks, const int blocks, const int block_si
     const Frame frame = intersector_setup(lanes);
     test_triangles(&frame, triangles, active_triangles, begin, end, &best_t, &best);
     keep_hits(keys, ray_of_lane, best_t, best);
-    COUNT_CHUNK(ray_of_lane, end - begin)
+    COUNT_TESTS_OF(ray_of_lane, end - begin, LANES * (ulong)(end - begin))
 }

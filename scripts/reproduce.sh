@@ -25,8 +25,8 @@ stability=0
 # Exact counts that explain the ratios, and where the time goes.
 work=0
 if [ "$tier" != smoke ]; then
-    .venv/bin/defray coherence sponza conference hairball crown san-miguel --rays 16k --out "$out" || work=$?
-    .venv/bin/defray roofline sponza crown --reading adaptive --density 0.3 --rays 256k --out "$out" || work=$?
+    .venv/bin/defray coherence sponza conference hairball crown san-miguel --rays 8k --out "$out" || work=$?
+    .venv/bin/defray roofline sponza --reading adaptive --density 0.3 --rays 256k --out "$out" || work=$?
     [ "$work" -lt 128 ] || exit "$work"
 fi
 

@@ -93,13 +93,15 @@ def test_the_guide_names_every_figure_by_its_target():
 
 
 def test_what_drawing_knows_without_opencl_is_what_measuring_says():
-    from harness.figures import runs, speed_accuracy
+    from harness.figures import runs, speed_accuracy, waves
     from harness.grid import BINNINGS
     from harness.plan import check_variant
     from harness.render import STAND_IN
     from harness.spec import Variant
     from harness.tables import speed_at_floor
+    from harness.tracers.deferred import DeferredOptions
 
     assert str(check_variant(Variant(tracer="deferred"))) == speed_accuracy.DEFAULT
     assert BINNINGS[0] == speed_at_floor.PADDED
+    assert DeferredOptions().wave == waves.USUAL
     assert f"{runs.STAND_IN}.png" == STAND_IN

@@ -6,7 +6,7 @@ import pandas as pd
 
 from harness.figures import chart as charts
 from harness.figures import style
-from harness.figures.runs import Runs, best, rays_note
+from harness.figures.runs import Runs, best, main_workload, rays_note
 
 ORDER = 50
 SECTION = "End to end"
@@ -17,7 +17,7 @@ NEEDS = "diffuse runs of any tracer that traces a ray to its hit by itself"
 def select(runs: Runs) -> pd.DataFrame:
     """The chosen runs of each scene, one row a line of the figure."""
     rows = []
-    for _, scene in runs.diffuse.groupby("scene", sort=False):
+    for _, scene in _compared(runs).groupby("scene", sort=False):
         usual = scene["rays"].mode().max()
         for series, run in _chosen(scene, runs.grid):
             rows.append({"scene": run["title"], "series": series, "tracer": run["tracer"],
@@ -26,6 +26,11 @@ def select(runs: Runs) -> pd.DataFrame:
                          "total_mrays_per_s_low": run["total_low"],
                          "total_mrays_per_s_high": run["total_high"], "runs": run["run"]})
     return pd.DataFrame(rows)
+
+
+def _compared(runs: Runs) -> pd.DataFrame:
+    """Runs of each scene's view, ray count and seed that most tracers have in common."""
+    return main_workload(runs.every_diffuse, by="tracer")
 
 
 def _chosen(scene: pd.DataFrame, grid: str) -> list[tuple[str, pd.Series]]:
@@ -77,7 +82,7 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
 def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
     """Every diffuse run of the main workload to compare, not the chosen ones alone; hover for the record."""
     rows = []
-    for run in runs.diffuse.itertuples():
+    for run in _compared(runs).itertuples():
         for rate, stage in (("total", "whole trace"), ("traverse", "traversal"), ("intersect", "intersection")):
             if pd.notna(getattr(run, rate)):
                 rows.append({"scene": run.title, "tracer": run.tracer, "intersector": run.intersector or "its own",

@@ -7,14 +7,13 @@ from matplotlib.ticker import StrMethodFormatter
 
 from harness.figures import style
 from harness.figures.runs import SAME_WORK, Runs, stage_nanoseconds
-from harness.tracers.deferred import DeferredOptions
 
 ORDER = 73
 SECTION = "Time by stage"
 TITLE = "Waves and compaction"
 NEEDS = "diffuse runs of the deferred tracer that differ in `wave` or `compaction` alone"
 STAGES = ("traverse", "arrange", "intersect", "compact", "other")
-USUAL = DeferredOptions().wave
+USUAL = "4"  # the deferred tracer's wave; its module needs OpenCL
 WITHOUT = "no compaction"
 
 
@@ -94,7 +93,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
             above.set_ylabel("tests a ray")
             below.set_ylabel("ns a ray")
         for axis in (above, below) if narrow else (below,):
-            axis.set_xlabel("cells a ray in a wave")
+            axis.set_xlabel("cells in a wave")
     handles, labels = axes[0][1].get_legend_handles_labels()
     lines = next((axis.get_legend_handles_labels() for axis in axes[:, 0] if axis.get_legend_handles_labels()[0]),
                  ([], []))
