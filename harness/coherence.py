@@ -14,12 +14,14 @@ trip of a loop after the other:
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harness.data import Rays
-from harness.runtime import cl
-from harness.tracers._base import Batch, Setting
+
+if TYPE_CHECKING:
+    from harness.tracers._base import Setting
 
 MODELS = ("forward", "deferred", "deferred-packed")
 LINES = (64, 128)  # bytes of a cache line
@@ -104,6 +106,9 @@ def predicted_ratios(counts: list[Coherence], lanes: int) -> dict[str, dict[str,
 
 def record_sequences(setting: Setting, intersector, rays: Rays, wave: int) -> Sequences:
     """The steps of all rays, best hits deciding after every `wave` non-empty cells; the same bits on any device."""
+    # Figures read counts without OpenCL.
+    from harness.runtime import cl
+    from harness.tracers._base import Batch
     from harness.tracers.forward import Forward
 
     tracer = Forward(setting, intersector, {"lanes": "1"})
