@@ -19,9 +19,6 @@ kernel void intersect_bins(const int chunks, global const int *chunk_cell, globa
     const RayLanes lanes = gather_rays(rays, keys, pairs + (size_t)chunk * LANES, &best_t, &ray_of_lane);
 #endif
     fetch_keys(keys, ray_of_lane);
-    const int next_cell = chunk_cell[min(chunk + 1, chunks - 1)];
-    if (next_cell != cell)
-        fetch_triangles(triangles, references, cell_start[next_cell], cell_start[next_cell + 1]);
     test_chunk(&lanes, ray_of_lane, triangles, references, begin, end, &best_t, &best);
     keep_hits(keys, ray_of_lane, best_t, best);
     COUNT_CHUNK(ray_of_lane, end - begin)

@@ -3,7 +3,7 @@
 #include "chunk.clh"
 #include "seats.clh"
 
-#define BLOCK 1024  // consecutive rays of one stream; the next ones belong to the next
+// BLOCK: consecutive rays of one stream, from the host; the next ones belong to the next.
 #define QUEUE 4     // chunks between the one asked for and the one intersected
 #define LISTED 128  // bit of a bin's fill: the cell is on the list of those to empty at the wave's end
 
@@ -152,15 +152,10 @@ hot_path void walk_wave(Stream *s, const Grid grid, int active_count, global con
                         global ulong *positions, global float *t_exit COUNTERS)
 {
     Seats seats;
-    int next = 0, ray[WALK_LANES];
-    for (int lane = 0; lane < WALK_LANES; ++lane) {
-        sit_down(&seats, lane, min(next, active_count - 1), active, s->rays, s->keys, positions, t_exit);
-        ray[lane] = active[seats.row[lane]];
-        if (next == active_count)
-            seats.row[lane] = -1, seats.go[lane] = 0;
-        else
-            next++;
-    }
+    int ray[WALK_LANES];
+    int next = fill_seats(&seats, 0, active_count, active, s->rays, s->keys, positions, t_exit);
+    for (int lane = 0; lane < WALK_LANES; ++lane)
+        ray[lane] = active[max(seats.row[lane], 0)];
     BEGIN_COUNTS
     for (int seated = 1; seated;) {
         Group group = take_seats(&seats, grid);

@@ -8,11 +8,7 @@ hot_path Group load_group(const Grid grid, int first, int active_count, global c
                           global const float *t_exit)
 {
     Seats seats;
-    for (int lane = 0; lane < WALK_LANES; ++lane) {
-        sit_down(&seats, lane, min(first + lane, active_count - 1), active, rays, keys, positions, t_exit);
-        if (first + lane >= active_count)
-            seats.go[lane] = 0;
-    }
+    fill_seats(&seats, first, active_count, active, rays, keys, positions, t_exit);
     return take_seats(&seats, grid);
 }
 
@@ -33,13 +29,6 @@ hot_path void save_group(const Group *g, const Grid grid, int first, int active_
         t_exit[i] = t[lane];
     }
 }
-
-// As RECORDED_TOGETHER of the host has it.
-#if WALK_LANES == 1
-#define RAYS_PER_ITEM 1
-#else
-#define RAYS_PER_ITEM (8 * WALK_LANES)
-#endif
 
 #define WALK_ARGUMENTS                                                                                      \
     const int active_count, global const int *active, global const Ray *rays, global const ulong *keys,     \
@@ -86,25 +75,18 @@ kernel void pack_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_
 }
 
 // Walks once and remembers each ray's cells, here at most `wave` of them in `wave` + 1 slots a ray: every step
-// stores, a met cell moves on. A work-item walks RAYS_PER_ITEM rays: every EXCHANGE steps, lanes that are through
-// take the next.
-kernel void record_pairs(WALK_ARGUMENTS, global ulong *positions, global float *t_exit, global int *recorded,
-                         global int *recorded_count COUNTERS)
+// stores, a met cell moves on. A work-item walks `together` rays: every EXCHANGE steps, lanes that are through take
+// the next.
+kernel void record_pairs(WALK_ARGUMENTS, const int together, global ulong *positions, global float *t_exit,
+                         global int *recorded, global int *recorded_count COUNTERS)
 {
-    int next = get_global_id(0) * RAYS_PER_ITEM;
+    int next = get_global_id(0) * together;
     if (next >= active_count)
         return;
-    const int end = min(next + RAYS_PER_ITEM, active_count), slots = wave + 1, nowhere = next * slots + wave;
+    const int end = min(next + together, active_count), slots = wave + 1, nowhere = next * slots + wave;
     const Grid grid = GRID_VALUES;
     Seats seats;
-    for (int lane = 0; lane < WALK_LANES; ++lane) {
-        // A lane without a ray repeats the first, and goes nowhere.
-        sit_down(&seats, lane, min(next, end - 1), active, rays, keys, positions, t_exit);
-        if (next == end)
-            seats.row[lane] = -1, seats.go[lane] = 0;
-        else
-            next++;
-    }
+    next = fill_seats(&seats, next, end, active, rays, keys, positions, t_exit);
     BEGIN_COUNTS
     for (int seated = 1; seated;) {
         Group group = take_seats(&seats, grid);

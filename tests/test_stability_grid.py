@@ -136,7 +136,7 @@ def test_rays_that_walk_together_visit_the_same_cells(device, lanes):
         build(device, "traverse.cl", defines=grid.defines | {"WALK_LANES": lanes}).launch(
             "record_pairs",
             -(-batch.count // lanes),
-            *(batch.count, active, batch.rays, batch.keys, *grid.arguments, length),
+            *(batch.count, active, batch.rays, batch.keys, *grid.arguments, length, lanes),
             *(batch.positions, batch.t_exit, slots, counts),
         )
         recorded = slots.get()[: batch.count * (length + 1)].reshape(batch.count, -1)[:, :length]

@@ -16,7 +16,7 @@ from harness.tracers._compaction import compact
 if TYPE_CHECKING:
     from harness.tracers.deferred import Deferred
 
-RECORDED_TOGETHER = 8  # rays a lane that a work-item of kernels/traverse.cl records
+RECORDED_TOGETHER = 8  # rays a lane that a work-item records, where several rays walk together
 SEGMENT = 32  # cells a ray that one recording pass remembers at most
 
 
@@ -90,10 +90,11 @@ class Record:
 
     def _record(self, segment: Segment, length: int) -> None:
         batch, tracer, count = self.batch, self.tracer, segment.count
+        together = RECORDED_TOGETHER * tracer.exchanged_lanes if tracer.lanes > 1 else 1
         self.program.launch(
             "record_pairs",
-            -(-count // (RECORDED_TOGETHER * tracer.exchanged_lanes)) if tracer.lanes > 1 else count,
-            *(count, segment.active, batch.rays, batch.keys, *tracer.grid.arguments, length),
+            -(-count // together),
+            *(count, segment.active, batch.rays, batch.keys, *tracer.grid.arguments, length, together),
             *(batch.positions, batch.t_exit, segment.cells, segment.lengths, *tracer.counting),
         )
 

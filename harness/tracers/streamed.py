@@ -14,7 +14,7 @@ from harness.runtime import cl
 from harness.stopwatch import Stopwatch
 from harness.tracers._base import Batch, DeviceOptions, DeviceTracer
 
-BLOCK = 1024  # as in kernels/stream.cl
+BLOCK = 1024  # consecutive rays of one stream
 
 
 class StreamedOptions(DeviceOptions):
@@ -44,7 +44,8 @@ class Streamed(DeviceTracer):
         active, listed = self.room("active rays", streams * room), self.room("listed cells", streams * (cells + 1))
         bins, filled = self.room("bins", streams * cells * self.lanes), self.room("fills", -(-streams * cells // 4))
         cl.enqueue_fill_buffer(self.device.queue, filled.data, np.int32(0), 0, filled.nbytes)
-        program = self.program("stream.cl", lanes=self.lanes, grid=True, walk_lanes=self.exchanged_lanes)
+        shape = {"lanes": self.lanes, "grid": True, "walk_lanes": self.exchanged_lanes}
+        program = self.program("stream.cl", **shape, defines={"BLOCK": BLOCK})
         program.launch(
             "trace_stream",
             streams,
