@@ -55,11 +55,18 @@ class AdaptiveGrid(Grid):
     density: float = DENSITY
     cells: int = 0
     top_counts: np.ndarray | None = None
+    bounds: cl.array.Array | None = None
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of all arrays."""
+        return super().bytes + self.bounds.nbytes
 
     @property
     def arguments(self) -> tuple:
         """The grid as kernel arguments, in the order of GRID_ARGUMENTS."""
-        return *super().arguments, np.array(self.shape, np.int32)
+        cells, leaves, *box = super().arguments
+        return cells, leaves, self.bounds, *box, np.array(self.shape, np.int32)
 
     @property
     def defines(self) -> dict[str, int]:
@@ -100,6 +107,7 @@ def build_adaptive(scene: DeviceScene, spec: GridSpec, binning: str = "padded") 
     entries = builder.reference_cell, builder.reference_primitive
     cell_start, references = fill_cells(scene, builder.program, entries, builder.references, leaves, nonempty)
     builder.code_empty_leaves(top_cells, leaves)
+    bounds = builder.bound_cells(top_cells, leaves, cell_start, references)
     scene.device.queue.finish()
     return AdaptiveGrid(
         spec=spec,
@@ -117,6 +125,7 @@ def build_adaptive(scene: DeviceScene, spec: GridSpec, binning: str = "padded") 
         density=builder.density,
         cells=builder.cells,
         top_counts=counts[counts > 0],
+        bounds=bounds,
     )
 
 
@@ -204,6 +213,13 @@ class _Builder:
         """How far empty space goes from the empty leaf cells, within their top cell."""
         edges = cl.array.empty(self.queue, max(self.cells, 1), np.uint8)
         self.program.launch("code_leaves", len(top_cells), len(top_cells), top_cells, leaves, edges)
+
+    def bound_cells(self, top_cells, leaves, cell_start, references) -> cl.array.Array:
+        """The box around what lies in each non-empty cell."""
+        bounds = cl.array.empty(self.queue, max(len(cell_start) - 1, 1), np.int32)
+        inputs = *self._triangle_arguments(), top_cells, leaves, cell_start, references
+        self.program.launch("bound_cells", len(top_cells), len(top_cells), *inputs, bounds)
+        return bounds
 
     def _check_memory(self, need: int, largest: int) -> None:
         """Refuse what the device cannot hold, before it is asked for."""

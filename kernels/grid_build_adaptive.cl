@@ -157,3 +157,82 @@ kernel void code_leaves(const int cells, global const int *top_cells, global int
         }
     }
 }
+
+// A convex polygon, of at most the nine corners that a triangle cut by six planes has.
+typedef struct {
+    float3 corner[9];
+    int corners;
+} Polygon;
+
+inline float component(float3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
+
+// Cuts off what lies below a plane across an axis, or above it with `side` -1.
+inline void cut(Polygon *p, int axis, float plane, float side)
+{
+    Polygon kept;
+    kept.corners = 0;
+    for (int i = 0; i < p->corners; ++i) {
+        const float3 from = p->corner[i == 0 ? p->corners - 1 : i - 1], to = p->corner[i];
+        const float before = side * (component(from, axis) - plane), after = side * (component(to, axis) - plane);
+        if ((before < 0.0f) != (after < 0.0f) && kept.corners < 9)
+            kept.corner[kept.corners++] = from + (to - from) * (before / (before - after));
+        if (after >= 0.0f && kept.corners < 9)
+            kept.corner[kept.corners++] = to;
+    }
+    *p = kept;
+}
+
+// Grows a box by the part of a triangle that lies in a cell, in places of it. The cell and the result are larger by
+// `slack`, which covers the rounding of the cuts.
+inline void grow_box(float3 *low, float3 *high, const float3 *v, float3 slack)
+{
+    const float3 edge = (float)BOX_PLACES + slack;
+    const float3 smallest = min(v[0], min(v[1], v[2])), largest = max(v[0], max(v[1], v[2]));
+    float3 from = max(smallest, -slack), to = min(largest, edge);
+    if (all(from - slack >= *low) && all(to + slack <= *high))
+        return;
+    if (any(smallest < -slack) || any(largest > edge)) {
+        Polygon p = {{v[0], v[1], v[2]}, 3};
+        for (int axis = 0; axis < 3; ++axis) {
+            cut(&p, axis, -component(slack, axis), 1.0f);
+            cut(&p, axis, component(edge, axis), -1.0f);
+        }
+        // Where rounding leaves nothing, the bounds have to do.
+        for (int i = 0; i < p.corners; ++i) {
+            from = i == 0 ? p.corner[i] : min(from, p.corner[i]);
+            to = i == 0 ? p.corner[i] : max(to, p.corner[i]);
+        }
+    }
+    *low = min(*low, from - slack);
+    *high = max(*high, to + slack);
+}
+
+// Places of the box around what lies in each non-empty cell, a work-item a top cell.
+kernel void bound_cells(const int cells, TRIANGLE_ARGUMENTS, global const int *top_cells, global const int *leaves,
+                        global const int *cell_start, global const int *references, global int *bounds)
+{
+    const int top = get_global_id(0);
+    if (top >= cells || top_cells[top] < 0)
+        return;
+    const int level = top_cells[top] & 7, first = top_cells[top] >> 3, count = 1 << 3 * level, shift = shape.w - level;
+    const int3 place = (int3)(top % shape.x, top / shape.x % shape.y, top / shape.x / shape.y) << level;
+    const float scale = ldexp(1.0f, BOX_BITS - shift);
+    for (int n = 0; n < count; ++n) {
+        const int cell = leaves[first + n], across = (1 << level) - 1;
+        if (cell < 0)
+            continue;
+        const int3 inner = (int3)(n & across, n >> level & across, n >> 2 * level);
+        const float3 corner = convert_float3((place + inner) << shift);
+        float3 low = BOX_PLACES, high = 0;
+        for (int r = cell_start[cell]; r < cell_start[cell + 1]; ++r) {
+            float3 v[3];
+            for (int i = 0; i < 3; ++i)
+                v[i] = (grid_vertex(triangles, references[r], i, lower, inverse_cell) - corner) * scale;
+            grow_box(&low, &high, v, pad * scale);
+        }
+        const int3 from = clamp(convert_int3_rtn(low), 0, BOX_PLACES - 1);
+        const int3 to = clamp(convert_int3_rtp(high) - 1, from, BOX_PLACES - 1);
+        bounds[cell] = from.x | from.y << BOX_BITS | from.z << 2 * BOX_BITS | to.x << 3 * BOX_BITS |
+                       to.y << 4 * BOX_BITS | to.z << 5 * BOX_BITS;
+    }
+}

@@ -2,8 +2,8 @@
 #include "common.clh"
 #include "walk.clh"
 
-// `boxes`: room for `slots` boxes a ray: low corner and size in positions of the finest level, then the number of the
-// leaf cell or NO_CELL; int32[5]. `found`: those taken, at most `slots`.
+// `boxes`: room for `slots` boxes a ray: low corner and size in positions of the finest level, the number of the leaf
+// cell or NO_CELL, and what the step returned; int32[6]. `found`: those taken, at most `slots`.
 kernel void walk_boxes(const int count, global const float *origins, global const float *directions, GRID_ARGUMENTS,
                        const int slots, global int *boxes, global int *found)
 {
@@ -20,13 +20,14 @@ kernel void walk_boxes(const int count, global const float *origins, global cons
     walk_to(&w, position);
     int step = 0;
     for (; step < slots && walk_inside(&w, grid_resolution(grid)); ++step) {
-        global int *box = boxes + ((size_t)i * slots + step) * 5;
+        global int *box = boxes + ((size_t)i * slots + step) * 6;
         const Cube c = cube_ahead(&w, grid, 1);
         box[0] = (c.x - (w.x.ahead ? 0 : c.edge - 1)) << c.shift;
         box[1] = (c.y - (w.y.ahead ? 0 : c.edge - 1)) << c.shift;
         box[2] = (c.z - (w.z.ahead ? 0 : c.edge - 1)) << c.shift;
         box[3] = c.edge << c.shift;
-        box[4] = walk_step(&w, grid, 1);
+        box[4] = max(c.entry, NO_CELL);
+        box[5] = walk_step(&w, grid, 1);
     }
     found[i] = step;
 }

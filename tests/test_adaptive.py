@@ -218,17 +218,17 @@ def test_levels_follow_the_cube_root_of_the_triangles():
 
 
 def boxes_walked(device, grid, rays, slots=400) -> np.ndarray:
-    """Boxes that each ray walks through, int32[n,slots,5], size 0 beyond its last."""
+    """Boxes that each ray walks through, as in kernels/walk_boxes.cl, int32[n,slots,6]; size 0 beyond the last."""
     inputs = (
         cl.array.to_device(device.queue, np.ascontiguousarray(values, np.float32).ravel())
         for values in (rays.origins, rays.directions)
     )
-    boxes = cl.array.zeros(device.queue, len(rays) * slots * 5, np.int32)
+    boxes = cl.array.zeros(device.queue, len(rays) * slots * 6, np.int32)
     found = cl.array.zeros(device.queue, len(rays), np.int32)
     program = build(device, "walk_boxes.cl", defines=grid.defines)
     program.launch("walk_boxes", len(rays), len(rays), *inputs, *grid.arguments, slots, boxes, found)
     assert found.get().max() < slots
-    return boxes.get().reshape(len(rays), slots, 5)
+    return boxes.get().reshape(len(rays), slots, 6)
 
 
 def uncovered(grid, rays, boxes) -> np.ndarray:
@@ -237,8 +237,7 @@ def uncovered(grid, rays, boxes) -> np.ndarray:
     inverse = (1 / grid.cell_size).astype(np.float64)
     origin = (rays.origins.astype(np.float64) - grid.lower) * inverse
     direction = rays.directions.astype(np.float64) * inverse
-    extent = (resolution * grid.cell_size.astype(np.float64)).max()
-    pad = np.broadcast_to(32 * 2.0**-24 * extent * inverse, origin.shape)
+    pad = np.broadcast_to(pad_in_cells(grid), origin.shape)
     # _interval takes one size for all axes: the path in a box of three sizes is the one common to three such boxes.
     first, last = -np.inf, np.inf
     for axis in range(3):
@@ -262,7 +261,7 @@ def test_the_walk_steps_over_no_part_of_a_path(device, name, spec):
     boxes = boxes_walked(device, grid, rays, 1500)
     assert uncovered(grid, rays, boxes).sum() == 0
     cells = leaf_boxes(grid)
-    walked = boxes.reshape(-1, 5)[(boxes[:, :, 3] > 0).ravel()]
+    walked = boxes.reshape(-1, 6)[(boxes[:, :, 3] > 0).ravel()][:, :5]
     used = walked[walked[:, 4] >= 0]
     assert len(used) > 0 and all(cells[cell] == tuple(box) for *box, cell in used.tolist())
     leaves = set(cells.values())
@@ -275,6 +274,67 @@ def test_a_box_left_out_of_a_path_is_caught(device):
     boxes = boxes_walked(device, grid, rays[:200])
     boxes[:, 1, 3] = 0
     assert (uncovered(grid, rays[:200], boxes) > 0).mean() > 0.9
+
+
+def pad_in_cells(grid) -> np.ndarray:
+    """By how many positions of the finest level the build grows a cell on every side, float64[3]."""
+    extent = ((np.array(grid.shape[:3]) << grid.shape[3]) * grid.cell_size.astype(np.float64)).max()
+    return 32 * 2.0**-24 * extent / grid.cell_size.astype(np.float64)
+
+
+def content_boxes(grid) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Low and high corner of the box around what lies in each non-empty cell, in positions of the finest level."""
+    bounds, found = grid.bounds.get(), {}
+    for cell, (*low, size) in leaf_boxes(grid).items():
+        places = int(bounds[cell]) >> 5 * np.arange(6) & 31
+        found[cell] = low + places[:3] * size / 32, low + (places[3:] + 1) * size / 32
+    return found
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=str)
+@pytest.mark.parametrize("name", ["soup", "sphere", "walls", "clumps", "slivers"])
+def test_the_box_of_a_cell_holds_all_of_its_triangles_in_the_cell(device, name, spec):
+    mesh = MESHES[name][0]
+    grid = build_grid(upload_scene(device, mesh), spec)
+    generator = np.random.default_rng(1)
+    weights = generator.dirichlet([0.5] * 3, (len(mesh), 40))
+    points = np.einsum("tpc,tcx->tpx", weights, mesh.astype(np.float64))
+    points = (points - grid.lower) / grid.cell_size.astype(np.float64)
+    start, references, boxes, places = grid.cell_start.get(), grid.references.get(), content_boxes(grid), 0
+    for cell, (*low, size) in leaf_boxes(grid).items():
+        inside = points[references[start[cell] : start[cell + 1]]].reshape(-1, 3)
+        inside = inside[((inside >= low) & (inside <= np.add(low, size))).all(axis=1)]
+        assert ((inside >= boxes[cell][0]) & (inside <= boxes[cell][1])).all()
+        places += len(inside)
+    assert places > 20 * len(mesh)
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=str)
+@pytest.mark.parametrize("name", MESHES)
+def test_a_cell_is_passed_over_only_by_rays_that_miss_the_box_of_what_lies_in_it(device, name, spec):
+    mesh, rays = MESHES[name]
+    grid, rays = build_grid(upload_scene(device, mesh), spec), rays[:300]
+    walked, boxes, pad = boxes_walked(device, grid, rays, 1500), content_boxes(grid), pad_in_cells(grid)
+    passed = (walked[:, :, 4] >= 0) & (walked[:, :, 5] < 0) & (walked[:, :, 3] > 0)
+    assert ((walked[:, :, 5] < 0) | (walked[:, :, 5] == walked[:, :, 4])).all()
+    ray, step = np.nonzero(passed)
+    low, high = (np.array([boxes[c][side] for c in walked[ray, step, 4]]).reshape(-1, 3) for side in (0, 1))
+    inverse = (1 / grid.cell_size).astype(np.float64)
+    origin = ((rays.origins.astype(np.float64) - grid.lower) * inverse)[ray]
+    direction = (rays.directions.astype(np.float64) * inverse)[ray]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Less the pad that was added for rounding's sake.
+        near, far = (low + pad - origin) / direction, (high - pad - origin) / direction
+    near, far = np.fmin(near, far).max(axis=1, initial=0), np.fmax(near, far).min(axis=1)
+    assert not (near < far).any()
+
+
+def test_boxes_too_small_lose_hits(device):
+    mesh, rays = MESHES["soup"]
+    setting = setting_of(device, mesh)
+    expected = hits_of(setting, rays, "forward")
+    setting.grid.bounds.fill(0)
+    assert differing(hits_of(setting, rays, "forward"), expected) > 0.2 * len(rays)
 
 
 # ---------------------------------------------------------------- hits
