@@ -45,28 +45,21 @@ class AdaptiveGrid(Grid):
     """Grid whose second level follows the scene.
 
     `top_block` int32[x*y*z]: first leaf cell << 3 | level of a top cell with 2^level leaf cells per axis, or negative
-    where it is empty. `leaves` int32[cells]: a leaf cell's number among the non-empty ones, or negative. Negative
-    entries hold how far empty space goes, for each octant (kernels/walk_adaptive.clh). `cell_size`: of the finest
-    level. `shape`: top cells along x, y, z, and the finest level. `cells`: leaf cells of all top cells in use,
-    `top_counts` int[blocks] the triangles of each.
+    where it is empty. `leaves` int32[cells*2]: a leaf cell's number among the non-empty ones, or negative, and the
+    box around what lies in it. Negative entries hold how far empty space goes, for each octant
+    (kernels/walk_adaptive.clh). `cell_size`: of the finest level. `shape`: top cells along x, y, z, and the finest
+    level. `cells`: leaf cells of all top cells in use, `top_counts` int[blocks] the triangles of each.
     """
 
     shape: tuple[int, int, int, int] = (1, 1, 1, 0)
     density: float = DENSITY
     cells: int = 0
     top_counts: np.ndarray | None = None
-    bounds: cl.array.Array | None = None
-
-    @property
-    def bytes(self) -> int:
-        """Bytes of all arrays."""
-        return super().bytes + self.bounds.nbytes
 
     @property
     def arguments(self) -> tuple:
         """The grid as kernel arguments, in the order of GRID_ARGUMENTS."""
-        cells, leaves, *box = super().arguments
-        return cells, leaves, self.bounds, *box, np.array(self.shape, np.int32)
+        return *super().arguments, np.array(self.shape, np.int32)
 
     @property
     def defines(self) -> dict[str, int]:
@@ -107,7 +100,7 @@ def build_adaptive(scene: DeviceScene, spec: GridSpec, binning: str = "padded") 
     entries = builder.reference_cell, builder.reference_primitive
     cell_start, references = fill_cells(scene, builder.program, entries, builder.references, leaves, nonempty)
     builder.code_empty_leaves(top_cells, leaves)
-    bounds = builder.bound_cells(top_cells, leaves, cell_start, references)
+    leaves = builder.bound_cells(top_cells, leaves, cell_start, references)
     scene.device.queue.finish()
     return AdaptiveGrid(
         spec=spec,
@@ -125,7 +118,6 @@ def build_adaptive(scene: DeviceScene, spec: GridSpec, binning: str = "padded") 
         density=builder.density,
         cells=builder.cells,
         top_counts=counts[counts > 0],
-        bounds=bounds,
     )
 
 
@@ -172,7 +164,7 @@ class _Builder:
         level = levels_of(counts, self.density, self.finest)
         cells = np.where(used, 8**level, 0)
         self.blocks, self.cells = int(used.sum()), int(cells.sum())
-        self._check_memory(5 * self.cells, 4 * self.cells)
+        self._check_memory(13 * self.cells, 8 * self.cells)
         first = np.cumsum(cells) - cells
         top_cells = cl.array.to_device(self.queue, np.where(used, first << 3 | level, EMPTY).astype(np.int32))
         self._code_empty_top_cells(used, top_cells)
@@ -198,7 +190,7 @@ class _Builder:
         inputs = (*entries, *self._triangle_arguments(), top_cells)
         program.launch("count_leaves", self.entries, *inputs, start)
         self.references = _offsets(self.device, start)
-        self._check_memory(12 * self.references + 5 * self.cells, 4 * self.references)
+        self._check_memory(12 * self.references + 13 * self.cells, 4 * self.references)
         leaves = cl.array.zeros(queue, max(self.cells, 1), np.int32)
         self.reference_cell = cl.array.empty(queue, max(self.references, 1), np.uint32)
         self.reference_primitive = cl.array.empty(queue, max(self.references, 1), np.int32)
@@ -215,11 +207,11 @@ class _Builder:
         self.program.launch("code_leaves", len(top_cells), len(top_cells), top_cells, leaves, edges)
 
     def bound_cells(self, top_cells, leaves, cell_start, references) -> cl.array.Array:
-        """The box around what lies in each non-empty cell."""
-        bounds = cl.array.empty(self.queue, max(len(cell_start) - 1, 1), np.int32)
+        """The leaf cells as the walk reads them, each with the box around what lies in it."""
+        walked = cl.array.empty(self.queue, 2 * max(self.cells, 1), np.int32)
         inputs = *self._triangle_arguments(), top_cells, leaves, cell_start, references
-        self.program.launch("bound_cells", len(top_cells), len(top_cells), *inputs, bounds)
-        return bounds
+        self.program.launch("bound_cells", len(top_cells), len(top_cells), *inputs, walked)
+        return walked
 
     def _check_memory(self, need: int, largest: int) -> None:
         """Refuse what the device cannot hold, before it is asked for."""

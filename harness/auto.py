@@ -188,7 +188,7 @@ def _size(model: CostModel, trial: AdaptiveGrid, density: float) -> tuple[float,
     finer = float(((8**level).sum() / max(trial.cells, 1)) ** (1 / 3))
     references = len(trial.references) * model.factor("references", finer)
     nonempty = trial.nonempty * model.factor("nonempty", finer)
-    return finer, trial.top_block.nbytes + 4.0 * (8.0**level).sum() + 4 * (references + nonempty)
+    return finer, trial.top_block.nbytes + 8.0 * (8.0**level).sum() + 4 * (references + nonempty)
 
 
 def waves(given: dict[str, str]) -> list[tuple[int, int]]:

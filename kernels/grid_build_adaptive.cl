@@ -207,9 +207,9 @@ inline void grow_box(float3 *low, float3 *high, const float3 *v, float3 slack)
     *high = max(*high, to + slack);
 }
 
-// Places of the box around what lies in each non-empty cell, a work-item a top cell.
+// Writes the leaf cells as the walk reads them: each with the box around what lies in it. A work-item a top cell.
 kernel void bound_cells(const int cells, TRIANGLE_ARGUMENTS, global const int *top_cells, global const int *leaves,
-                        global const int *cell_start, global const int *references, global int *bounds)
+                        global const int *cell_start, global const int *references, global int2 *walked)
 {
     const int top = get_global_id(0);
     if (top >= cells || top_cells[top] < 0)
@@ -219,6 +219,7 @@ kernel void bound_cells(const int cells, TRIANGLE_ARGUMENTS, global const int *t
     const float scale = ldexp(1.0f, BOX_BITS - shift);
     for (int n = 0; n < count; ++n) {
         const int cell = leaves[first + n], across = (1 << level) - 1;
+        walked[first + n] = (int2)(cell, 0);
         if (cell < 0)
             continue;
         const int3 inner = (int3)(n & across, n >> level & across, n >> 2 * level);
@@ -232,7 +233,7 @@ kernel void bound_cells(const int cells, TRIANGLE_ARGUMENTS, global const int *t
         }
         const int3 from = clamp(convert_int3_rtn(low), 0, BOX_PLACES - 1);
         const int3 to = clamp(convert_int3_rtp(high) - 1, from, BOX_PLACES - 1);
-        bounds[cell] = from.x | from.y << BOX_BITS | from.z << 2 * BOX_BITS | to.x << 3 * BOX_BITS |
-                       to.y << 4 * BOX_BITS | to.z << 5 * BOX_BITS;
+        walked[first + n].y = from.x | from.y << BOX_BITS | from.z << 2 * BOX_BITS | to.x << 3 * BOX_BITS |
+                              to.y << 4 * BOX_BITS | to.z << 5 * BOX_BITS;
     }
 }

@@ -90,7 +90,7 @@ def setting_of(device, triangles, spec=SPECS[0]) -> Setting:
 def leaf_cells(grid):
     """Every leaf cell of the grid, read back: its top cell's entry, place in its level, entry and level."""
     x, y = grid.shape[:2]
-    leaves = grid.leaves.get().tolist()
+    leaves = grid.leaves.get()[::2].tolist()
     for top, entry in enumerate(grid.top_block.get().tolist()):
         if entry < 0:
             continue
@@ -284,9 +284,10 @@ def pad_in_cells(grid) -> np.ndarray:
 
 def content_boxes(grid) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Low and high corner of the box around what lies in each non-empty cell, in positions of the finest level."""
-    bounds, found = grid.bounds.get(), {}
+    numbers, words = grid.leaves.get().reshape(-1, 2).T
+    boxes, found = dict(zip(numbers.tolist(), words.tolist(), strict=True)), {}
     for cell, (*low, size) in leaf_boxes(grid).items():
-        places = int(bounds[cell]) >> 5 * np.arange(6) & 31
+        places = boxes[cell] >> 5 * np.arange(6) & 31
         found[cell] = low + places[:3] * size / 32, low + (places[3:] + 1) * size / 32
     return found
 
@@ -333,7 +334,9 @@ def test_boxes_too_small_lose_hits(device):
     mesh, rays = MESHES["soup"]
     setting = setting_of(device, mesh)
     expected = hits_of(setting, rays, "forward")
-    setting.grid.bounds.fill(0)
+    leaves = setting.grid.leaves.get()
+    leaves[1::2] = 0
+    setting.grid.leaves.set(leaves)
     assert differing(hits_of(setting, rays, "forward"), expected) > 0.2 * len(rays)
 
 

@@ -21,7 +21,7 @@ class StreamedOptions(DeviceOptions):
     """`wave`: non-empty cells a ray between two emptyings of the bins; `growth`: times as many in each wave as in the
     one before; `streams`: work-items, 0 for one a compute unit of the device."""
 
-    wave: int = Field(default=4, ge=1, le=4096)
+    wave: int = Field(default=2, ge=1, le=4096)
     growth: int = Field(default=1, ge=1, le=64)
     streams: int = Field(default=0, ge=0, le=1024)
 
