@@ -1,5 +1,5 @@
-// Deferred tracing in streams: each work-item bins the pairs of its own rays and intersects a bin as soon as it holds a
-// chunk, while its rays and triangles are in the cache. No pair is counted, ranked or moved, and no key is shared.
+// Deferred tracing in streams: each work-item bins the pairs of its own rays and intersects a bin as soon as it holds
+// a chunk, while its rays and triangles are in the cache. No pair is counted, ranked or moved, and no key is shared.
 #include "chunk.clh"
 #include "seats.clh"
 

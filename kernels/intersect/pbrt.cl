@@ -1,6 +1,6 @@
-// Pharr, Jakob & Humphreys 2023, "Physically Based Rendering", 4th edition, section 6.5.3: Woop, Benthin & Wald's test
-// with differences of products, the fall-back to double precision, and a bound on t's rounding error below which a hit
-// is not believed.
+// Pharr, Jakob & Humphreys 2023, "Physically Based Rendering", 4th edition, section 6.5.3: Woop, Benthin & Wald's
+// test with differences of products, the fall-back to double precision, and a bound on t's rounding error below which
+// a hit is not believed.
 //
 //   deltaT = 3 (gamma(3) maxE maxZ + deltaE maxZ + deltaZ maxE) / |E0 + E1 + E2|;  a hit needs t > deltaT
 //
@@ -8,8 +8,8 @@
 // hit.
 // Bytes a triangle: 36, nothing precomputed; needs double precision.
 // Watertight: nearly: the bound loses 1 or 2 rays in a million.
-// Known failures: refuses long slivers, far triangles and grazing hits, whose bound exceeds t; expects unit directions;
-// takes triangles smaller than 1e-12 for ones without area.
+// Known failures: refuses long slivers, far triangles and grazing hits, whose bound exceeds t; expects unit
+// directions; takes triangles smaller than 1e-12 for ones without area.
 
 #include "intersect/shear.clh"
 
@@ -46,7 +46,8 @@ inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u
     real e2 = difference_of_products(a.x, b.y, a.y, b.x);
     const mask zero = (e0 == 0.0f) | (e1 == 0.0f) | (e2 == 0.0f);
     if (mask_any(zero)) {
-        const wide ax = widen(a.x), ay = widen(a.y), bx = widen(b.x), by = widen(b.y), cx = widen(c.x), cy = widen(c.y);
+        const wide ax = widen(a.x), ay = widen(a.y), bx = widen(b.x), by = widen(b.y);
+        const wide cx = widen(c.x), cy = widen(c.y);
         e0 = pick(e0, narrow(cy * bx - cx * by), zero);
         e1 = pick(e1, narrow(ay * cx - ax * cy), zero);
         e2 = pick(e2, narrow(by * ax - bx * ay), zero);

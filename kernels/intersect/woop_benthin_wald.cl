@@ -21,7 +21,8 @@ inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u
     real e2 = b.x * a.y - b.y * a.x;
     const mask zero = (e0 == 0.0f) | (e1 == 0.0f) | (e2 == 0.0f);
     if (mask_any(zero)) {
-        const wide ax = widen(a.x), ay = widen(a.y), bx = widen(b.x), by = widen(b.y), cx = widen(c.x), cy = widen(c.y);
+        const wide ax = widen(a.x), ay = widen(a.y), bx = widen(b.x), by = widen(b.y);
+        const wide cx = widen(c.x), cy = widen(c.y);
         e0 = pick(e0, narrow(cx * by - cy * bx), zero);
         e1 = pick(e1, narrow(ax * cy - ay * cx), zero);
         e2 = pick(e2, narrow(bx * ay - by * ax), zero);

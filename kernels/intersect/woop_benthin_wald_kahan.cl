@@ -6,8 +6,8 @@
 // flops: 41 to accept or reject beside the selections, +11 and one division on a hit.
 // Bytes a triangle: 36, nothing precomputed.
 // Watertight: yes, contraction on or off. The shear may be contracted, but alike for every triangle of a vertex.
-// Known failures: t of a large triangle near the ray's origin errs by an ulp of the farthest vertex's distance, so that
-// spawned rays hit where they start; rays at a vertex hit several of its triangles.
+// Known failures: t of a large triangle near the ray's origin errs by an ulp of the farthest vertex's distance, so
+// that spawned rays hit where they start; rays at a vertex hit several of its triangles.
 
 #include "intersect/shear.clh"
 
