@@ -17,13 +17,13 @@
 #define largest_of(a, b, c) max(fabs(a), max(fabs(b), fabs(c)))
 
 // Whether t exceeds the bound on its own rounding error.
-inline mask beyond_error(Sheared a, Sheared b, Sheared c, real e0, real e1, real e2, real inverse, real t)
+inline mask beyond_error(Sheared a, Sheared b, Sheared c, real e0, real e1, real e2, real t)
 {
     const real most_z = largest_of(a.z, b.z, c.z), delta_z = rounding_bound(3) * most_z;
     const real most_x = largest_of(a.x, b.x, c.x), delta_x = rounding_bound(5) * (most_x + most_z);
     const real most_y = largest_of(a.y, b.y, c.y), delta_y = rounding_bound(5) * (most_y + most_z);
     const real delta_e = 2.0f * (rounding_bound(2) * most_x * most_y + delta_y * most_x + delta_x * most_y);
-    const real most_e = largest_of(e0, e1, e2);
+    const real most_e = largest_of(e0, e1, e2), inverse = 1.0f / (e0 + e1 + e2);
     const real delta_t =
         3.0f * (rounding_bound(3) * most_e * most_z + delta_e * most_z + delta_z * most_e) * fabs(inverse);
     return t > delta_t;
@@ -52,15 +52,8 @@ inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u
         e1 = pick(e1, narrow(ay * cx - ax * cy), zero);
         e2 = pick(e2, narrow(by * ax - bx * ay), zero);
     }
-    const real sum = e0 + e1 + e2;
-    const mask inside = ((min(e0, min(e1, e2)) >= 0.0f) | (max(e0, max(e1, e2)) <= 0.0f)) &
-                        ((sum > 0.0f) | (sum < 0.0f)) & has_area;
-    if (!mask_any(inside))
-        return inside;
-
-    const real inverse = 1.0f / sum;
-    *t = (e0 * a.z + e1 * b.z + e2 * c.z) * inverse;
-    *u = e1 * inverse;
-    *v = e2 * inverse;
-    return inside & beyond_error(a, b, c, e0, e1, e2, inverse, *t);
+    const mask hit = hit_of_edges(a, b, c, e0, e1, e2, t, u, v) & has_area;
+    if (!mask_any(hit))
+        return hit;
+    return hit & beyond_error(a, b, c, e0, e1, e2, *t);
 }
