@@ -12,10 +12,12 @@ from dataclasses import dataclass, replace
 
 from harness.data import Counters
 
-STEP_FLOPS = {"uniform": 9, "adaptive": 15}  # three planes of three flops; sliding along the box: three times two
+# Three planes of three flops; in the adaptive grid sliding along the cube, three of two, and the box, three of eight.
+STEP_FLOPS = {"uniform": 9, "adaptive": 39}
 AXIS_FLOPS = 12  # of a ray's three axes in leaf cells, once a ray and wave: three flops and a division each
 START_FLOPS = 4 + AXIS_FLOPS + 18 + 6  # scaling by a power of two, axes, six planes of the bounds, entry position
-SECOND_BYTES = {"uniform": 8, "adaptive": 4}  # a brick, or a leaf cell's number; the first level's entry has 4
+# Read in a step beside the 4 bytes of the first level: a brick, or a leaf cell's number; the box of a non-empty cell.
+SECOND_BYTES, BOX_BYTES = {"uniform": 8, "adaptive": 4}, {"uniform": 0, "adaptive": 4}
 RAY, KEY, POSITION, EXIT, INDEX = 32, 8, 8, 4, 4  # bytes a ray
 
 
@@ -55,8 +57,8 @@ class Facts:
 
     @property
     def step_bytes(self) -> int:
-        """Read in one step: an entry of the first level and one of the second."""
-        return 4 + SECOND_BYTES[self.walk]
+        """Read in one step of all of the grid's tables."""
+        return 4 + SECOND_BYTES[self.walk] + BOX_BYTES[self.walk]
 
     def table(self, size: int, read: int) -> int:
         """The least traffic of reading `read` bytes out of a table of `size`, once a wave."""
@@ -97,9 +99,10 @@ def _plain(flops: int, moved: int, uncached: int | None = None) -> Work:
 
 
 def _tables(f: Facts) -> int:
-    """The grid's two levels, as steps read them."""
-    steps = f.counters.steps
-    return f.table(f.first_level, 4 * steps) + f.table(f.second_level, SECOND_BYTES[f.walk] * steps)
+    """The grid's two levels and the boxes of its cells, as steps read them."""
+    steps, boxes = f.counters.steps, BOX_BYTES[f.walk]
+    levels = f.table(f.first_level, 4 * steps) + f.table(f.second_level, SECOND_BYTES[f.walk] * steps)
+    return levels + f.table(boxes * f.cells, boxes * steps)
 
 
 def _walk(f: Facts, stored: int, stored_uncached: int) -> Work:

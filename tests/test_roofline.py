@@ -113,8 +113,9 @@ def test_work_of_the_walk_by_hand():
     assert found.uncached_bytes == rays + 500 * (4 + 8 + 4)
     assert found.bytes == rays + 2 * 400 + 500 * 8 + 200 * 4
     adaptive = work_of("record_pairs", dataclasses.replace(FACTS, walk="adaptive"))
-    assert adaptive.flops == 150 * 12 + 500 * 15
-    assert adaptive.uncached_bytes == rays + 500 * (4 + 4 + 4)
+    assert adaptive.flops == 150 * 12 + 500 * 39
+    assert adaptive.uncached_bytes == rays + 500 * (4 + 4 + 4 + 4)
+    assert adaptive.bytes == rays + 2 * 400 + 500 * 4 + 2 * 4 * 50 + 200 * 4
     assert work_of("unknown", FACTS) is None
 
 
