@@ -12,7 +12,17 @@ import typer
 
 from harness import accuracy_command, claims_command, coherence_command, roofline_command
 from harness.errors import DefrayError
-from harness.options import DeviceOption, JsonOption
+from harness.options import (
+    DensityOption,
+    DeviceOption,
+    JsonOption,
+    KindOption,
+    LeafOption,
+    RaysOption,
+    ReadingOption,
+    SeedOption,
+    TopOption,
+)
 from harness.scenes_command import scenes_app
 from harness.stability.command import stability
 
@@ -33,28 +43,7 @@ app = typer.Typer(
 SceneArgument = Annotated[
     str, typer.Argument(metavar="SCENE_OR_FILE", help="A name that 'defray scenes' lists, or a mesh file.")
 ]
-RaysOption = Annotated[str, typer.Option(metavar="COUNT", help="Number of rays: 64k, 1M, 2500000.")]
-KindOption = Annotated[str, typer.Option(help="primary, diffuse, ambient-occlusion or random; see --ray-file.")]
-SeedOption = Annotated[int, typer.Option(help="Seed of the rays; the same seed gives the same rays.")]
 ViewOption = Annotated[str | None, typer.Option(help="Camera of the scene; its first by default.")]
-TopOption = Annotated[
-    int | None,
-    typer.Option(help="Cells per axis of the grid's first level: 8, or, of an adaptive grid, as the scene needs."),
-]
-LeafOption = Annotated[
-    int | None,
-    typer.Option(help="Cells per axis of its second level, see --reading: 128, or at most 16 if adaptive."),
-]
-DensityOption = Annotated[
-    float | None, typer.Option(help="Leaf cells per triangle that an adaptive grid aims at.")
-]
-ReadingOption = Annotated[
-    str,
-    typer.Option(
-        help="What --leaf counts: 'total', cells over the whole scene, or 'per-cell', inside every top cell; or "
-        "'adaptive': at most so many inside a top cell, by its number of triangles."
-    ),
-]
 GridOption = Annotated[
     str | None,
     typer.Option(
@@ -66,6 +55,26 @@ GridOption = Annotated[
 RepetitionsOption = Annotated[int, typer.Option(min=1, help="Timed repetitions.")]
 CheckOption = Annotated[
     str, typer.Option(help="Compare hits with 'embree' or with 'exact' arithmetic, or 'none' (no check).")
+]
+TracerOption = Annotated[str, typer.Option(help="deferred, streamed, forward, work-optimal, brute or embree.")]
+IntersectorOption = Annotated[
+    str | None, typer.Option(help="Ray/triangle test: ray-space (default) or moller-trumbore; embree has its own.")
+]
+SettingsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY=VALUE",
+        help="Option of the tracer, may be repeated: wave, growth (deferred, streamed), arrange, compaction, pairs, "
+        "form (deferred), streams (streamed), exit (forward), lanes, batch, contraction, robust, threads (embree).",
+    ),
+]
+RayFileOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Your own rays instead of --kind: .npz with 'origins' and 'directions' float[n,3] and maybe "
+        "'t_max' float[n], or raw little-endian 6 x float32 a ray; the first --rays of them.",
+    ),
 ]
 
 
@@ -87,33 +96,14 @@ app.add_typer(scenes_app, name="scenes")
 )
 def trace(
     scene: SceneArgument,
-    tracer: Annotated[
-        str, typer.Option(help="deferred, forward, work-optimal, brute or embree.")
-    ] = "deferred",
-    intersector: Annotated[
-        str | None,
-        typer.Option(help="Ray/triangle test: ray-space (default) or moller-trumbore; embree has its own."),
-    ] = None,
-    option: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            help="Option of the tracer, may be repeated: wave, arrange, compaction (deferred), exit (forward), "
-            "pairs, growth (deferred), lanes, batch, robust, threads (embree).",
-        ),
-    ] = None,
+    tracer: TracerOption = "deferred",
+    intersector: IntersectorOption = None,
+    option: SettingsOption = None,
     rays: RaysOption = "1M",
     kind: KindOption = "diffuse",
     seed: SeedOption = 1,
     view: ViewOption = None,
-    ray_file: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="Your own rays instead of --kind: .npz with 'origins' and 'directions' float[n,3] and maybe "
-            "'t_max' float[n], or raw little-endian 6 x float32 a ray; the first --rays of them.",
-        ),
-    ] = None,
+    ray_file: RayFileOption = None,
     top: TopOption = None,
     leaf: LeafOption = None,
     reading: ReadingOption = "total",

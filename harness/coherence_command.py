@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-import json as json_module
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from harness.options import DeviceOption, JsonOption
+from harness.options import (
+    DensityOption,
+    DeviceOption,
+    JsonOption,
+    KindOption,
+    LeafOption,
+    RaysOption,
+    ReadingOption,
+    SeedOption,
+    TopOption,
+)
 
 WIDTHS = (8, 32)
 
@@ -21,13 +30,13 @@ def coherence(
     ),
     intersector: Annotated[str, typer.Option(help="Ray/triangle test that decides where rays halt.")] = "ray-space",
     wave: Annotated[int, typer.Option(min=1, help="Non-empty cells a ray in a wave of the deferred tracer.")] = 4,
-    rays: Annotated[str, typer.Option(metavar="COUNT", help="Number of rays: 64k, 1M.")] = "64k",
-    kind: Annotated[str, typer.Option(help="primary, diffuse, ambient-occlusion or random.")] = "diffuse",
-    seed: Annotated[int, typer.Option(help="Seed of the rays.")] = 1,
-    top: Annotated[int | None, typer.Option(help="Cells per axis of the grid's first level.")] = None,
-    leaf: Annotated[int | None, typer.Option(help="Cells per axis of its second level.")] = None,
-    reading: Annotated[str, typer.Option(help="total, per-cell or adaptive.")] = "total",
-    density: Annotated[float | None, typer.Option(help="Leaf cells per triangle of an adaptive grid.")] = None,
+    rays: RaysOption = "64k",
+    kind: KindOption = "diffuse",
+    seed: SeedOption = 1,
+    top: TopOption = None,
+    leaf: LeafOption = None,
+    reading: ReadingOption = "total",
+    density: DensityOption = None,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -36,39 +45,17 @@ def coherence(
     The counts come from the real cell sequences of the rays and are the same on every device. They are compared with
     those of the tracers before they are stored.
     """
-    from harness.accuracy_command import row_facts, scene_progress
-    from harness.device import open_device
-    from harness.plan import interleaved, make_grid, parse_count
+    from harness.coherence_rows import coherence_file
+    from harness.plan import make_grid, parse_count
+    from harness.row_commands import measured_rows, scene_specs, show_rows
     from harness.spec import Variant
-    from harness.sweep import locked
 
     variants = [Variant.parse(f"forward:{intersector}"), Variant.parse(f"deferred:{intersector}:wave={wave}")]
-    grid = make_grid(top, leaf, reading, density)
     common = {"rays": parse_count(rays), "kind": kind, "seed": seed}
-    groups = {name: list(interleaved(name, variants, [grid], **common)) for name in dict.fromkeys(scenes)}
-
-    from rich.console import Console
-
-    from harness.coherence_rows import coherence_file
-    from harness.scene import check_name
-
-    for name in scenes:
-        check_name(name)
-    console, opened, rows = Console(stderr=True), open_device(device), []
-    with locked(out), scene_progress(console, len(groups)) as progress:
-        file = coherence_file(out)
-        file.repair()
-        for name, specs in groups.items():
-            progress.start(name)
-            row = measure_coherence(specs, wave, opened) | row_facts(opened)
-            file.append(row)
-            rows.append(row)
-            progress.end()
-    if json:
-        typer.echo(json_module.dumps(rows, allow_nan=False, ensure_ascii=False))
-    else:
-        for row in rows:
-            print_counts(row)
+    groups = scene_specs(scenes, variants, make_grid(top, leaf, reading, density), **common)
+    rows = measured_rows(groups, device, out, coherence_file,
+                         lambda specs, opened, _: [measure_coherence(specs, wave, opened)])
+    show_rows(rows, json, print_counts)
 
 
 def measure_coherence(specs: list, wave: int, device) -> dict:

@@ -12,3 +12,24 @@ DeviceOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON on standard output, nothing else there.")
 ]
+RaysOption = Annotated[str, typer.Option(metavar="COUNT", help="Number of rays: 64k, 1M, 2500000.")]
+KindOption = Annotated[str, typer.Option(help="primary, diffuse, ambient-occlusion or random.")]
+SeedOption = Annotated[int, typer.Option(help="Seed of the rays; the same seed gives the same rays.")]
+TopOption = Annotated[
+    int | None,
+    typer.Option(help="Cells per axis of the grid's first level: 8, or, of an adaptive grid, as the scene needs."),
+]
+LeafOption = Annotated[
+    int | None,
+    typer.Option(help="Cells per axis of its second level, see --reading: 128, or at most 16 if adaptive."),
+]
+DensityOption = Annotated[
+    float | None, typer.Option(help="Leaf cells per triangle that an adaptive grid aims at.")
+]
+ReadingOption = Annotated[
+    str,
+    typer.Option(
+        help="What --leaf counts: 'total', cells over the whole scene, or 'per-cell', inside every top cell; or "
+        "'adaptive': at most so many inside a top cell, by its number of triangles."
+    ),
+]

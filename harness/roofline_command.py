@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-import json as json_module
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from harness.options import DeviceOption, JsonOption
+from harness.options import (
+    DensityOption,
+    DeviceOption,
+    JsonOption,
+    KindOption,
+    LeafOption,
+    RaysOption,
+    ReadingOption,
+    SeedOption,
+    TopOption,
+)
 
 VARIANTS = "deferred:ray-space:arrange=record:pairs=copy,forward:ray-space"
 
@@ -21,13 +30,13 @@ def roofline(
     out: Annotated[Path, typer.Option(help="Folder for roofline.jsonl; made if it is not there.")] = Path(
         "results/out"
     ),
-    rays: Annotated[str, typer.Option(metavar="COUNT", help="Number of rays: 64k, 1M, 2500000.")] = "1M",
-    kind: Annotated[str, typer.Option(help="primary, diffuse, ambient-occlusion or random.")] = "diffuse",
-    seed: Annotated[int, typer.Option(help="Seed of the rays.")] = 1,
-    top: Annotated[int | None, typer.Option(help="Cells per axis of the grid's first level.")] = None,
-    leaf: Annotated[int | None, typer.Option(help="Cells per axis of its second level.")] = None,
-    reading: Annotated[str, typer.Option(help="total, per-cell or adaptive.")] = "total",
-    density: Annotated[float | None, typer.Option(help="Leaf cells per triangle of an adaptive grid.")] = None,
+    rays: RaysOption = "1M",
+    kind: KindOption = "diffuse",
+    seed: SeedOption = 1,
+    top: TopOption = None,
+    leaf: LeafOption = None,
+    reading: ReadingOption = "total",
+    density: DensityOption = None,
     repetitions: Annotated[int, typer.Option(min=1, help="Timed repetitions, ceilings among them.")] = 5,
     check: Annotated[str, typer.Option(help="Compare hits with 'embree' or with 'exact' arithmetic.")] = "embree",
     instructions: Annotated[
@@ -42,49 +51,36 @@ def roofline(
     Ceilings (copying from memory and from the last cache, fused multiply-adds) are measured in the same repetitions.
     The report draws the rows as a roofline.
     """
-    from rich.console import Console
-
-    from harness.accuracy_command import row_facts, scene_progress
-    from harness.device import open_device
     from harness.errors import DefrayError
-    from harness.plan import interleaved, make_grid, parse_count
+    from harness.plan import make_grid, parse_count
     from harness.roofline import measure_roofline
     from harness.roofline_rows import roofline_file
-    from harness.scene import check_name
-    from harness.spec import Variant
-    from harness.sweep import locked
+    from harness.row_commands import measured_rows, scene_specs, show_rows
 
-    parsed = [Variant.parse(part.strip()) for part in variants.split(",") if part.strip()]
-    if not parsed:
-        raise DefrayError(f"'{variants}' names no variant; write one, as in deferred:ray-space")
+    parsed = device_variants(variants)
     if check not in ("embree", "exact"):
         raise DefrayError(f"times need a check, 'embree' or 'exact', not '{check}'")
-    for name in scenes:
-        check_name(name)
     grid = make_grid(top, leaf, reading, density)
     common = {"rays": parse_count(rays), "kind": kind, "seed": seed, "repetitions": repetitions, "check": check}
-    groups = {name: list(interleaved(name, parsed, [grid], **common)) for name in dict.fromkeys(scenes)}
-    console, opened, rows = Console(stderr=True), open_device(device), []
-    with locked(out), scene_progress(console, len(groups)) as progress:
-        file = roofline_file(out)
-        file.repair()
-        for name, specs in groups.items():
-            progress.start(name)
-            for row in measure_roofline(specs, opened, lambda stage: progress.tell(stage, 0.5)):
-                row |= row_facts(opened)
-                file.append(row)
-                rows.append(row)
-            progress.end()
-    if json:
-        typer.echo(json_module.dumps(rows, allow_nan=False, ensure_ascii=False))
-    else:
-        for row in rows:
-            console_table(row)
+    groups = scene_specs(scenes, parsed, grid, **common)
+    rows = measured_rows(groups, device, out, roofline_file, measure_roofline)
+    show_rows(rows, json, console_table)
     if instructions:
         print_instructions(parsed)
-    if any(not row["valid"] for row in rows):
-        failed = next(row for row in rows if not row["valid"])
-        raise DefrayError(f"check failed: {failed['scene']['name']} {failed['variant']}; no times are reported")
+    for row in rows:
+        if not row["valid"]:
+            raise DefrayError(f"check failed: {row['scene']['name']} {row['variant']}; no times are reported")
+
+
+def device_variants(text: str) -> list:
+    """Variants separated by commas; raises DefrayError where there is none."""
+    from harness.errors import DefrayError
+    from harness.spec import Variant
+
+    parsed = [Variant.parse(part.strip()) for part in text.split(",") if part.strip()]
+    if not parsed:
+        raise DefrayError(f"'{text}' names no variant; write one, as in deferred:ray-space")
+    return parsed
 
 
 def console_table(row: dict) -> None:

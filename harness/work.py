@@ -8,14 +8,16 @@ table once a launch; `uncached_bytes`, every load and store as the kernel states
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from harness.data import Counters
 
-STEP_FLOPS = {"uniform": 9, "adaptive": 15}  # three planes of three flops; sliding along the box: three times two
+# Three planes of three flops; in the adaptive grid sliding along the cube, three of two, and the box, three of eight.
+STEP_FLOPS = {"uniform": 9, "adaptive": 39}
 AXIS_FLOPS = 12  # of a ray's three axes in leaf cells, once a ray and wave: three flops and a division each
 START_FLOPS = 4 + AXIS_FLOPS + 18 + 6  # scaling by a power of two, axes, six planes of the bounds, entry position
-STEP_BYTES = 4 + 8  # an entry of the first level, a brick of the second
+# Read in a step beside the 4 bytes of the first level: a brick, or a leaf cell's number; the box of a non-empty cell.
+SECOND_BYTES, BOX_BYTES = {"uniform": 8, "adaptive": 4}, {"uniform": 0, "adaptive": 4}
 RAY, KEY, POSITION, EXIT, INDEX = 32, 8, 8, 4, 4  # bytes a ray
 
 
@@ -52,6 +54,11 @@ class Facts:
     def chunks(self) -> int:
         """Chunks of all waves."""
         return (self.counters.pairs + self.counters.padding) // self.lanes
+
+    @property
+    def step_bytes(self) -> int:
+        """Read in one step of all of the grid's tables."""
+        return 4 + SECOND_BYTES[self.walk] + BOX_BYTES[self.walk]
 
     def table(self, size: int, read: int) -> int:
         """The least traffic of reading `read` bytes out of a table of `size`, once a wave."""
@@ -92,15 +99,17 @@ def _plain(flops: int, moved: int, uncached: int | None = None) -> Work:
 
 
 def _tables(f: Facts) -> int:
-    """The grid's two levels, as steps read them."""
-    return f.table(f.first_level, 4 * f.counters.steps) + f.table(f.second_level, 8 * f.counters.steps)
+    """The grid's two levels and the boxes of its cells, as steps read them."""
+    steps, boxes = f.counters.steps, BOX_BYTES[f.walk]
+    levels = f.table(f.first_level, 4 * steps) + f.table(f.second_level, SECOND_BYTES[f.walk] * steps)
+    return levels + f.table(boxes * f.cells, boxes * steps)
 
 
 def _walk(f: Facts, stored: int, stored_uncached: int) -> Work:
     """A walk of all active rays: records of the rays, the grid, and what is stored of the pairs."""
     flops = f.walked * AXIS_FLOPS + f.counters.steps * STEP_FLOPS[f.walk]
     rays = f.walked * (INDEX + RAY + KEY + POSITION + EXIT)
-    return _plain(flops, rays + _tables(f) + stored, rays + STEP_BYTES * f.counters.steps + stored_uncached)
+    return _plain(flops, rays + _tables(f) + stored, rays + f.step_bytes * f.counters.steps + stored_uncached)
 
 
 def _stops(f: Facts) -> int:
@@ -167,7 +176,8 @@ def _test_tables(f: Facts, loads: int) -> int:
 def _intersect_bins(f: Facts) -> Work:
     """A chunk loads its pairs once and each triangle of its cell once, for all of its lanes.
 
-    Of keys only one update a hit is counted: how often a hit gives way to a nearer one is not.
+    Of keys only one update a hit is counted: how often a hit gives way to a nearer one is not. Chunks of few rays, a
+    triangle a lane, load up to `lanes` times as much as is counted here.
     """
     loads = f.counters.lane_tests // f.lanes
     own = 4 * f.chunks + f.chunks * f.lanes * f.pair_bytes + 2 * KEY * f.hits
@@ -176,6 +186,25 @@ def _intersect_bins(f: Facts) -> Work:
     most = 8 * f.chunks + gathered * f.counters.pairs + loads * (4 + f.triangle_bytes)
     tests = f.counters.tests * f.test_flops
     return Work(tests, f.counters.lane_tests * f.test_flops, own + least + _test_tables(f, loads), own + most)
+
+
+def _trace_stream(f: Facts) -> Work:
+    """All waves in one launch, which could read each table once. Every wave reads its rays, keeps where they stopped
+    and which are left. A pair takes a slot and the fill of its bin, which its chunk reads; chunks as in
+    `intersect_bins`, with gathered rays. The list of bins to empty is left out.
+    """
+    c, once = f.counters, replace(f, counters=replace(f.counters, waves=1))
+    slots, loads = f.chunks * f.lanes, c.lane_tests // f.lanes
+    flops = f.walked * AXIS_FLOPS + c.steps * STEP_FLOPS[f.walk]
+    state, stop, hits = INDEX + RAY + KEY + POSITION + EXIT, POSITION + EXIT, f.hits * (KEY + 4)
+    bins = once.table(4 * f.lanes * f.cells, 4 * slots) + once.table(f.cells, c.pairs)
+    least = f.rays * (state + stop) + hits + _tables(once) + bins
+    least += once.table(4 * f.cells, 8 * f.chunks) + _test_tables(once, loads)
+    kept = f.walked * (INDEX + POSITION + KEY + EXIT + INDEX)
+    most = f.walked * (state + stop) + kept + hits + f.step_bytes * c.steps
+    most += 6 * c.pairs + 4 * c.padding + 4 * slots + RAY * c.pairs + 8 * f.chunks + loads * (4 + f.triangle_bytes)
+    executed = flops + c.lane_tests * f.test_flops
+    return Work(flops + c.tests * f.test_flops, executed, least, most)
 
 
 def _cells_one_by_one(f: Facts, rays: int, flops: int, tables: int, tables_uncached: int) -> Work:
@@ -190,7 +219,7 @@ def _cells_one_by_one(f: Facts, rays: int, flops: int, tables: int, tables_uncac
 def _trace_forward(f: Facts) -> Work:
     flops = f.rays * AXIS_FLOPS + f.counters.steps * STEP_FLOPS[f.walk]
     rays = f.rays * (RAY + 2 * KEY + POSITION + 4)
-    return _cells_one_by_one(f, rays, flops, _tables(f), STEP_BYTES * f.counters.steps)
+    return _cells_one_by_one(f, rays, flops, _tables(f), f.step_bytes * f.counters.steps)
 
 
 def _intersect_visited(f: Facts) -> Work:
@@ -225,6 +254,7 @@ KERNELS: dict[str, Callable[[Facts], Work]] = {
     "lay_out_bins": _lay_out_bins,
     "scatter_pairs": _scatter_pairs,
     "intersect_bins": _intersect_bins,
+    "trace_stream": _trace_stream,
     "trace_forward": _trace_forward,
     "intersect_visited": _intersect_visited,
     "write_hits": _write_hits,

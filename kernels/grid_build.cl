@@ -50,7 +50,8 @@ kernel void emit_references(TRIANGLE_ARGUMENTS, global const uint *reference_sta
 }
 
 // Turns an entry's brick and bit into the number of its non-empty cell, and counts.
-kernel void count_cells(const uint entries, global const uint2 *bricks, global uint *entry_cell, global int *cell_count)
+kernel void count_cells(const uint entries, global const uint2 *bricks, global uint *entry_cell,
+                        global int *cell_count)
 {
     const uint i = get_global_id(0);
     if (i >= entries)

@@ -51,8 +51,8 @@ kernel void emit_top(const int active_count, global const int *active, TRIANGLE_
 }
 
 // Cells from each top cell to the next used one, or to the grid's border, in the cube ahead along an octant, at most
-// LONGEST_EDGE: one axis a launch, `length` cells `stride` apart, looking `towards` +1 or -1. `from` holds the distance
-// along the axes done before, 0 where a cell is used.
+// LONGEST_EDGE: one axis a launch, `length` cells `stride` apart, looking `towards` +1 or -1. `from` holds the
+// distance along the axes done before, 0 where a cell is used.
 kernel void spread_distance(const int cells, const int length, const int stride, const int towards,
                             global const int *from, global int *to)
 {

@@ -1,5 +1,5 @@
-// Deferred intersection as GPUs like it: one ray a work-item, a work-group for every GROUP pairs that lie side by side,
-// whatever their bins. Bins are not padded, and a long one falls to several groups.
+// Deferred intersection as GPUs like it: one ray a work-item, a work-group for every GROUP pairs that lie side by
+// side, whatever their bins. Bins are not padded, and a long one falls to several groups.
 //
 // A group whose pairs share a cell reads each triangle once, TILE at a time, into local memory. In a group of several
 // cells each work-item goes through its own cell's list: work-items of one cell sit side by side and ask for the same

@@ -30,7 +30,8 @@ kernel void start_rays(const int count, global const float *origins, global cons
     walk_store(walk_enter(&w, grid, walk_load(field[6])), enters);
     walk_store(w.x.cell, cell[0]), walk_store(w.y.cell, cell[1]), walk_store(w.z.cell, cell[2]);
     for (int lane = 0; lane < WALK_LANES && first + lane < count; ++lane)
-        positions[first + lane] = enters[lane] ? pack_position(cell[0][lane], cell[1][lane], cell[2][lane]) : LEFT_GRID;
+        positions[first + lane] =
+            enters[lane] ? pack_position(cell[0][lane], cell[1][lane], cell[2][lane]) : LEFT_GRID;
 }
 
 kernel void start_rays_without_grid(const int count, global const float *origins, global const float *directions,

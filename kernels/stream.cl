@@ -1,5 +1,5 @@
-// Deferred tracing in streams: each work-item bins the pairs of its own rays and intersects a bin as soon as it holds a
-// chunk, while its rays and triangles are in the cache. No pair is counted, ranked or moved, and no key is shared.
+// Deferred tracing in streams: each work-item bins the pairs of its own rays and intersects a bin as soon as it holds
+// a chunk, while its rays and triangles are in the cache. No pair is counted, ranked or moved, and no key is shared.
 #include "chunk.clh"
 #include "seats.clh"
 
@@ -25,9 +25,18 @@ typedef struct {
     Chunk queue[QUEUE];  // full chunks whose rays and references have been asked for
     uint queued;
 #ifdef COUNT_WORK
-    global ulong *counters;
+    global ulong *counters, *wave_counters;
 #endif
 } Stream;
+
+// Counted beside the usual: unused lanes of chunks, then the rays that finish in each wave.
+#ifdef COUNT_WORK
+#define WAVE_COUNTERS COUNTERS, global ulong *wave_counters
+#define count_wave(which, amount) atom_add(s.wave_counters + (which), (ulong)(amount))
+#else
+#define WAVE_COUNTERS
+#define count_wave(which, amount)
+#endif
 
 // The least float above non-negative ones, infinity for infinity.
 inline real just_above_each(real t)
@@ -83,6 +92,7 @@ cold_path void intersect_chunk(const Stream *s, const Chunk *chunk)
     }
 #ifdef COUNT_WORK
     global ulong *counters = s->counters;
+    atom_add(s->wave_counters, (ulong)(LANES - used_lanes(ray_of_lane)));
 #endif
     COUNT_CHUNK(ray_of_lane, end - begin)
 }
@@ -211,7 +221,7 @@ kernel void trace_stream(const int count, const int streams, const int active_ro
                          global Ray *rays, global ulong *keys, GRID_ARGUMENTS, global ulong *positions,
                          global float *t_exit, global const int *cell_start, global const int *references,
                          global const float *triangles, const int cells, global int *active_rays, global int *bins,
-                         global uchar *filled, global int *listed COUNTERS)
+                         global uchar *filled, global int *listed WAVE_COUNTERS)
 {
     const size_t id = get_global_id(0);
     if (id >= (size_t)streams)
@@ -227,7 +237,8 @@ kernel void trace_stream(const int count, const int streams, const int active_ro
         for (int i = (int)first; i < min((int)first + BLOCK, count); ++i)
             active[active_count++] = i;
 #ifdef COUNT_WORK
-    s.counters = counters;
+    s.counters = counters, s.wave_counters = wave_counters;
+    int waves = 0;
 #define COUNTERS_GIVEN , counters
 #else
 #define COUNTERS_GIVEN
@@ -235,6 +246,8 @@ kernel void trace_stream(const int count, const int streams, const int active_ro
     for (int length = wave; active_count > 0; length = min(length * growth, 1 << 24)) {
         walk_wave(&s, grid, active_count, active, length, positions, t_exit COUNTERS_GIVEN);
         empty_bins(&s);
-        active_count = keep_active(active_count, active, keys, positions, t_exit);
+        const int kept = keep_active(active_count, active, keys, positions, t_exit);
+        count_wave(++waves, active_count - kept);
+        active_count = kept;
     }
 }

@@ -1,4 +1,4 @@
-"""The adaptive grid: it references every triangle where it lies, its walk steps over nothing, its hits are exact."""
+"""The adaptive grid: it references every triangle where it lies, its walk steps over nothing."""
 
 from __future__ import annotations
 
@@ -6,21 +6,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from shapes import REPRESENTATIVE, aimed_rays, icosphere, lattice_walls, random_rays, soup
+from shapes import aimed_rays, icosphere, lattice_walls, random_rays, soup
 from test_grid import sampled_cells
-from test_tracers import GRID_TRACERS, hits_of
+from test_tracers import hits_of
 
-from harness import tracers
 from harness.adaptive import levels_of, top_shape
 from harness.data import GridSpec, Rays, Scene, differing
-from harness.errors import DefrayError
 from harness.grid import build_grid, upload_scene
-from harness.intersectors import INTERSECTORS
-from harness.plan import make_grid, parse_grid
 from harness.program import build
-from harness.record import GridFacts
 from harness.runtime import cl
-from harness.spec import RunSpec, Variant, check_grid
 from harness.stability.walk import _gaps, _interval
 from harness.tracers._base import Setting
 
@@ -338,148 +332,3 @@ def test_boxes_too_small_lose_hits(device):
     leaves[1::2] = 0
     setting.grid.leaves.set(leaves)
     assert differing(hits_of(setting, rays, "forward"), expected) > 0.2 * len(rays)
-
-
-# ---------------------------------------------------------------- hits
-
-
-@pytest.mark.parametrize("spec", SPECS, ids=str)
-@pytest.mark.parametrize("name", MESHES)
-def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, spec):
-    mesh, rays = MESHES[name]
-    setting = setting_of(device, mesh, spec)
-    for intersector in ("ray-space", "havel-herout"):
-        expected = hits_of(setting, rays, "brute", intersector)
-        assert (expected.primitive >= 0).any()
-        for tracer in GRID_TRACERS:
-            assert hits_of(setting, rays, tracer, intersector).tobytes() == expected.tobytes(), tracer
-
-
-@pytest.mark.parametrize("arrange", ["two-pass", "record"])
-@pytest.mark.parametrize("wave", ["1", "8", "all"])
-@pytest.mark.parametrize("lanes", ["1", "4", "8", "16"])
-@pytest.mark.parametrize("copied", ["index", "copy"])
-def test_options_of_the_deferred_tracer_change_no_bit(device, arrange, wave, lanes, copied):
-    mesh, rays = MESHES["clumps"]
-    setting = setting_of(device, mesh, SPECS[1])
-    options = {"arrange": arrange, "wave": wave, "lanes": lanes, "pairs": copied, "growth": "2"}
-    assert hits_of(setting, rays, "deferred", **options).tobytes() == hits_of(setting, rays, "brute").tobytes()
-
-
-def test_walls_on_cell_planes_and_origins_on_them(device):
-    """Squares on planes between cells; rays at their edges, along them and from points on them; -0.0 directions."""
-    mesh = on_planes(device)
-    setting = setting_of(device, mesh, SPECS[1])
-    generator, count = np.random.default_rng(4), 1500
-    rays = aimed_rays(mesh[200:], (0.31, 0.52, 0.47), count)
-    size = setting.grid.cell_size * 2 ** (setting.grid.shape[3] - 1)
-    origins = (setting.grid.lower + size * generator.integers(0, 5, (count, 3))).astype(np.float32)
-    directions = np.zeros((count, 3), np.float32)
-    directions[np.arange(count), np.arange(count) % 3] = np.where(np.arange(count) // 3 % 2, 1, -1)
-    directions[::2] *= np.float32(-1)  # turns the zeros of every second ray into -0.0
-    along = Rays(origins, directions, np.full(count, np.inf, np.float32))
-    for part in (rays, along):
-        expected = hits_of(setting, part, "brute")
-        assert (expected.primitive >= 0).any()
-        for tracer in GRID_TRACERS:
-            assert differing(hits_of(setting, part, tracer), expected) == 0, tracer
-
-
-@pytest.mark.parametrize("thickness", [0.0, 1e-6, 1e-3])
-@pytest.mark.parametrize("offset", [0.0, 1000.0])
-def test_flat_and_distant_scenes(device, thickness, offset):
-    mesh = (soup(3000, size=0.03) * np.float32([1, 1, thickness]) + np.float32(offset)).astype(np.float32)
-    setting = setting_of(device, mesh)
-    rays = random_rays(2000, low=offset - 1, high=offset + 2)
-    expected = hits_of(setting, rays, "brute")
-    assert (expected.primitive >= 0).any()
-    for tracer in GRID_TRACERS:
-        assert differing(hits_of(setting, rays, tracer), expected) == 0, tracer
-
-
-def test_counters_are_exact_and_empty_space_costs_few_steps(device):
-    mesh, rays = MESHES["clumps"]
-    counts = {}
-    for name, spec in (("adaptive", GridSpec(20, 8, "adaptive")), ("per-cell", GridSpec(20, 8, "per-cell"))):
-        setting = setting_of(device, mesh, spec)
-        deferred = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"wave": "1"})
-        counts[name] = deferred.count(rays)
-        assert counts[name] == deferred.count(rays)
-        forward, optimal = (
-            tracers.find(tracer)(setting, INTERSECTORS["ray-space"], {}).count(rays)
-            for tracer in ("forward", "work-optimal")
-        )
-        assert (forward.tests, forward.pairs) == (optimal.tests, optimal.pairs)
-        assert (forward.steps, forward.pairs) == (counts[name].steps, counts[name].pairs)
-        assert sum(counts[name].finished_per_wave) == len(rays)
-    assert counts["adaptive"].steps < 0.5 * counts["per-cell"].steps
-
-
-def test_hits_written_in_lanes_are_those_written_one_by_one(device):
-    """Also u and v, which no tracer computes itself."""
-    mesh, rays = MESHES["soup"]
-    setting = setting_of(device, mesh)
-    for name in REPRESENTATIVE:
-        written = []
-        for lanes in (1, 8):
-            other = dataclasses.replace(setting, device=dataclasses.replace(device, native_lanes=lanes))
-            written.append(hits_of(other, rays[:2999], "forward", name))
-        assert (written[0].u > 0).any() and written[0].tobytes() == written[1].tobytes()
-
-
-# ---------------------------------------------------------------- how it is asked for and recorded
-
-
-def test_the_text_of_a_grid_is_read_back():
-    for text in ("adaptive", "adaptive density=0.25", "adaptive top=40 leaf=8 density=2"):
-        assert str(parse_grid(text)) == text
-    assert make_grid(reading="adaptive") == GridSpec(0, 16, "adaptive")
-    assert make_grid() == GridSpec() and str(GridSpec()) == "8/128 total"
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("adaptive leaf=12", "leaf of an adaptive grid must be one of 1, 2, 4, .*, not 12"),
-        ("adaptive density=0", "density must be above 0"),
-        ("adaptive density=nan", "density must be above 0"),
-        ("adaptive depth=3", "'depth=3' in 'adaptive depth=3' is not of the form"),
-        ("adaptive top=9999", "at most|0 .automatic. to"),
-    ],
-)
-def test_a_bad_adaptive_grid_is_refused(text, message):
-    with pytest.raises(DefrayError, match=message):
-        parse_grid(text)
-
-
-def test_a_density_is_for_adaptive_grids_alone():
-    with pytest.raises(DefrayError, match="a density belongs to reading 'adaptive', not to 'total'"):
-        check_grid(GridSpec(density=0.3))
-
-
-def test_ids_and_texts_of_runs_on_other_grids_are_as_before_there_were_adaptive_ones():
-    run = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space:wave=4"), grid=GridSpec())
-    assert run.id == "c77aa873bb021d83"
-    assert run.model_dump()["grid"] == {"top": 8, "leaf": 128, "reading": "total"}
-    dense, default = (
-        RunSpec(scene="sponza", variant=Variant.parse("deferred"), grid=GridSpec(0, 16, "adaptive", density))
-        for density in (0.3, None)
-    )
-    assert dense.id != default.id and dense.model_dump()["grid"]["density"] == 0.3
-    assert RunSpec.model_validate(dense.model_dump()) == dense
-
-
-def test_only_records_of_adaptive_grids_have_a_density(device):
-    scene = upload_scene(device, soup(500))
-    uniform, adaptive = (build_grid(scene, spec).describe() for spec in (GridSpec(2, 8), SPECS[0]))
-    assert GridFacts.model_validate(uniform).model_dump() == uniform
-    assert GridFacts.model_validate(adaptive).model_dump() == adaptive
-    assert set(adaptive) - set(uniform) == {"density", "resolution"}
-    assert adaptive["density"] == 0.3 and len(adaptive["resolution"]) == 3
-
-
-def test_a_grid_beyond_the_memory_is_refused_with_its_size(device):
-    small = dataclasses.replace(device, memory_bytes=1 << 16)
-    scene = dataclasses.replace(upload_scene(device, soup(5000)), device=small)
-    with pytest.raises(DefrayError, match=r"needs [0-9.]+ GiB; the limit here .* a lower density"):
-        build_grid(scene, GridSpec(0, 128, "adaptive", 900.0))

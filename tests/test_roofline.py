@@ -11,7 +11,7 @@ from shapes import icosphere, random_rays, soup
 from test_tracers import setting_of
 from typer.testing import CliRunner
 
-from harness import measure, tracers
+from harness import measure, roofline_command, tracers
 from harness.ceilings import CHAINS, VECTORS, Ceilings
 from harness.cli import app
 from harness.data import Counters
@@ -24,12 +24,13 @@ from harness.intersectors import INTERSECTORS
 from harness.kernel_times import KernelWatch
 from harness.program import launch_listeners
 from harness.roofline_rows import roofline_file, roofline_row
-from harness.work import KERNELS, RESTS, STEP_BYTES, Facts, walked_rays, work_of
+from harness.work import KERNELS, RESTS, Facts, walked_rays, work_of
 
 VARIANTS = {
     "deferred": [{}, {"arrange": "record", "pairs": "copy"}],
     "forward": [{}],
     "work-optimal": [{}],
+    "streamed": [{}],
 }
 
 
@@ -109,10 +110,27 @@ def test_work_of_the_walk_by_hand():
     found = work_of("record_pairs", FACTS)
     assert found.flops == found.executed_flops == 150 * 12 + 500 * 9
     rays = 150 * (4 + 32 + 8 + 8 + 4 + 8 + 4 + 4)
-    assert found.uncached_bytes == rays + 500 * (STEP_BYTES + 4)
+    assert found.uncached_bytes == rays + 500 * (4 + 8 + 4)
     assert found.bytes == rays + 2 * 400 + 500 * 8 + 200 * 4
-    assert work_of("record_pairs", dataclasses.replace(FACTS, walk="adaptive")).flops == 150 * 12 + 500 * 15
+    adaptive = work_of("record_pairs", dataclasses.replace(FACTS, walk="adaptive"))
+    assert adaptive.flops == 150 * 12 + 500 * 39
+    assert adaptive.uncached_bytes == rays + 500 * (4 + 4 + 4 + 4)
+    assert adaptive.bytes == rays + 2 * 400 + 500 * 4 + 2 * 4 * 50 + 200 * 4
     assert work_of("unknown", FACTS) is None
+
+
+def test_work_of_a_stream_by_hand():
+    found = work_of("trace_stream", FACTS)
+    walk, chunks, loads = 150 * 12 + 500 * 9, 240 // 8, 1600 // 8
+    assert (found.flops, found.executed_flops) == (walk + 39_000, walk + 62_400)
+    ray, stop, hits = 4 + 32 + 8 + 8 + 4, 8 + 4, 90 * (8 + 4)
+    bins = 200 * (4 + 2) + 40 * 4 + 240 * 4
+    kept = 150 * (4 + 8 + 8 + 4 + 4)
+    walked = 150 * (ray + stop) + kept + 500 * 12
+    assert found.uncached_bytes == walked + hits + bins + 200 * 32 + chunks * 8 + loads * (4 + 36)
+    # One launch, whatever the number of waves: each table once.
+    tables = 400 + 500 * 8 + 240 * 4 + 50 + 4 * 50 + 4 * 200 + 36 * 120
+    assert found.bytes == 100 * (ray + stop) + hits + tables
 
 
 @pytest.mark.parametrize("name", KERNELS)
@@ -133,23 +151,25 @@ def measured(folder, *more: str):
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
-    """Two variants measured and stored."""
+    """Three variants measured and stored."""
     folder = tmp_path_factory.mktemp("roofline")
-    done = measured(folder)
+    done = measured(folder, "--variants", f"{roofline_command.VARIANTS},streamed:ray-space")
     assert done.exit_code == 0, done.output
     assert "intersect_bins" in done.stdout and "fma" in done.stdout
     return folder
 
 
 def test_rows_hold_every_kernel_and_the_ceilings(stored):
-    deferred, forward = roofline_file(stored).read()
+    deferred, forward, streamed = roofline_file(stored).read()
     whole = {"start_rays", "trace_forward", "write_hits", "outside stages"}
     assert {kernel["name"] for kernel in forward["kernels"]} == whole
     tests = INTERSECTORS["ray-space"].flops * deferred["counters"]["tests"]
+    (stream,) = (kernel for kernel in streamed["kernels"] if kernel["name"] == "trace_stream")
+    assert stream["stage"] == "other" and stream["launches"] == 1 and stream["flops"] > tests
     (bins,) = (kernel for kernel in deferred["kernels"] if kernel["name"] == "intersect_bins")
     assert bins["flops"] == tests and bins["launches"] == deferred["counters"]["waves"]
     assert {kernel["name"] for kernel in deferred["kernels"] if not kernel["own"]} <= set(RESTS.values())
-    assert all(len(deferred["ceilings"][name]["samples"]) == 2 * 2 for name in ("memory", "cache", "fma"))
+    assert all(len(deferred["ceilings"][name]["samples"]) == 3 * 2 for name in ("memory", "cache", "fma"))
 
 
 def test_a_row_without_a_check_or_with_too_few_times_is_refused(stored):

@@ -78,6 +78,23 @@ def test_counts_repeat_and_steps_and_pairs_are_those_of_deferred(device):
     assert (streamed.steps, streamed.pairs, streamed.tests) == (deferred.steps, deferred.pairs, deferred.tests)
 
 
+@pytest.mark.parametrize("growth", ["1", "2"])
+@pytest.mark.parametrize("batch", ["2048", "4096"])
+def test_one_stream_counts_waves_and_padding_as_deferred_does(device, growth, batch):
+    """Its bins hold what those of the other hold at the end of a wave; more streams share them, so they pad more."""
+    mesh, rays = MESHES["clumps"]
+    setting = adaptive_setting(device, mesh)
+    common = {"wave": "2", "growth": growth, "batch": batch, "lanes": "8"}
+
+    def counted(name, **options):
+        return tracers.find(name)(setting, INTERSECTORS["ray-space"], common | options).count(rays)
+
+    one, three, deferred = counted("streamed", streams="1"), counted("streamed", streams="3"), counted("deferred")
+    assert one.finished_per_wave == three.finished_per_wave == deferred.finished_per_wave
+    assert one.padding == deferred.padding > 0 and one.lane_tests == deferred.lane_tests
+    assert three.padding > one.padding and three.pairs == one.pairs
+
+
 def test_more_streams_than_blocks_of_rays_is_no_matter(device):
     rays = random_rays(5)
     setting = setting_of(device, soup(), GridSpec(2, 8))

@@ -12,7 +12,7 @@ TITLES = {
     "start_rays": "start", "start_rays_without_grid": "start", "count_pairs": "walk and count",
     "pack_pairs": "walk and pack", "record_pairs": "walk", "rank_pairs": "rank", "lay_out_bins": "lay out bins",
     "scatter_pairs": "scatter", "intersect_bins": "intersect", "trace_forward": "forward",
-    "intersect_visited": "work-optimal", "write_hits": "write hits",
+    "trace_stream": "streamed", "intersect_visited": "work-optimal", "write_hits": "write hits",
 }
 GRID_COLUMNS = ("top", "leaf", "reading", "density")
 

@@ -25,7 +25,7 @@ def select(runs: Runs) -> pd.DataFrame:
     if table.empty:
         return table
     table = table[table["bytes_per_ray"].notna() & ~table["kernel"].isin(STAYS)].copy()
-    tests = table["kernel"].isin(("intersect", "forward", "work-optimal")) & (table["intersector"] != "")
+    tests = table["kernel"].isin(("intersect", "streamed", "forward", "work-optimal")) & (table["intersector"] != "")
     table["point"] = np.where(tests, table["kernel"] + ", " + table["intersector"], table["kernel"])
     table["flops_per_byte"] = table["flops_per_ray"] / table["bytes_per_ray"]
     table["uncached_flops_per_byte"] = table["flops_per_ray"] / table["uncached_bytes_per_ray"]

@@ -46,14 +46,33 @@ class Streamed(DeviceTracer):
         cl.enqueue_fill_buffer(self.device.queue, filled.data, np.int32(0), 0, filled.nbytes)
         shape = {"lanes": self.lanes, "grid": True, "walk_lanes": self.exchanged_lanes}
         program = self.program("stream.cl", **shape, defines={"BLOCK": BLOCK})
+        wave_counters = self._wave_counters()
         program.launch(
             "trace_stream",
             streams,
             *(batch.count, streams, room, self.options.wave, self.options.growth, batch.rays, batch.keys),
             *(*grid.arguments, batch.positions, batch.t_exit, grid.cell_start, grid.references, self.triangles),
-            *(cells, active, bins, filled, listed, *self.counting),
+            *(cells, active, bins, filled, listed, *self.counting, *wave_counters),
             local=1,
         )
+        for counts in wave_counters:
+            self._count_waves(*counts.get())
+
+    def _wave_counters(self) -> tuple:
+        """Another argument of the instrumented kernel: uint64 zeros for the padding and for each wave, as
+        many as there can be when a ray crosses each plane of the grid once."""
+        if self.counters is None:
+            return ()
+        grid = self.grid
+        adaptive = grid.spec.reading == "adaptive"
+        planes = sum(map(int, grid.shape[:3])) << int(grid.shape[3]) if adaptive else 3 * grid.spec.resolution
+        return (cl.array.zeros(self.device.queue, planes // self.options.wave + 4, np.uint64),)
+
+    def _count_waves(self, padding: int, *finished: int) -> None:
+        in_order = [int(rays) for rays in np.trim_zeros(finished, "b")]
+        self.counted.padding += int(padding)
+        self.counted.waves += len(in_order)
+        self.counted.finished_per_wave += in_order
 
 
 TRACER = Streamed

@@ -16,8 +16,10 @@ inline void intersector_precompute(float3 a, float3 b, float3 c, float *planes)
     const scalar_wide fx = (scalar_wide)c.x - a.x, fy = (scalar_wide)c.y - a.y, fz = (scalar_wide)c.z - a.z;
     const scalar_wide nx = ey * fz - ez * fy, ny = ez * fx - ex * fz, nz = ex * fy - ey * fx;
     const scalar_wide over = 1 / (nx * nx + ny * ny + nz * nz);
-    const scalar_wide ux = (fy * nz - fz * ny) * over, uy = (fz * nx - fx * nz) * over, uz = (fx * ny - fy * nx) * over;
-    const scalar_wide vx = (ny * ez - nz * ey) * over, vy = (nz * ex - nx * ez) * over, vz = (nx * ey - ny * ex) * over;
+    const scalar_wide ux = (fy * nz - fz * ny) * over, uy = (fz * nx - fx * nz) * over,
+                      uz = (fx * ny - fy * nx) * over;
+    const scalar_wide vx = (ny * ez - nz * ey) * over, vy = (nz * ex - nx * ez) * over,
+                      vz = (nx * ey - ny * ex) * over;
     planes[0] = ux, planes[1] = uy, planes[2] = uz, planes[3] = -(ux * a.x + uy * a.y + uz * a.z);
     planes[4] = vx, planes[5] = vy, planes[6] = vz, planes[7] = -(vx * a.x + vy * a.y + vz * a.z);
     planes[8] = nx, planes[9] = ny, planes[10] = nz, planes[11] = nx * a.x + ny * a.y + nz * a.z;

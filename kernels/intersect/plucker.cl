@@ -1,4 +1,5 @@
-// Pluecker coordinates as in Embree 4's robust mode (Davis & Wald's edge test, with a tolerance of one ulp of the sum).
+// Pluecker coordinates as in Embree 4's robust mode (Davis & Wald's edge test, with a tolerance of one ulp of the
+// sum).
 //
 //   U = ((v2 - v0) x (v2 + v0)) . d and so on, vertices relative to the origin
 //   hit when min(U, V, W) >= -e or max(U, V, W) <= e,  e = 2^-23 |U + V + W|;  t = v0 . n / n . d

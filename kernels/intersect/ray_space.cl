@@ -9,11 +9,11 @@
 //
 // The signs ask of a frame only that it spans the plane across the ray. This one is rounded once, has two terms a dot
 // product, and leaves registers free; z changes places with axis k, a selection a lane. A mirrored frame is as good.
-// A plain rounded cross product is watertight too, but rounds to zero for small triangles far from the ray's origin and
-// then reports hits hundreds of units beside the ray; Kahan's difference of products does not.
-// The mean of the vertices' depths weighted by E_i would serve as t, but on a large triangle it is off by an ulp of the
-// vertices' distance, which turns into self-hits where a ray starts on the triangle. The plane's t is right there and
-// wrong where the ray lies in the plane, so that t is the plane's, held to within DEPTH_ERROR of the mean.
+// A plain rounded cross product is watertight too, but rounds to zero for small triangles far from the ray's origin
+// and then reports hits hundreds of units beside the ray; Kahan's difference of products does not. The mean of the
+// vertices' depths weighted by E_i would serve as t, but on a large triangle it is off by an ulp of the vertices'
+// distance, which turns into self-hits where a ray starts on the triangle. The plane's t is right there and wrong
+// where the ray lies in the plane, so that t is the plane's, held to within DEPTH_ERROR of the mean.
 // flops: 39 to accept or reject beside the selections, +53 and two divisions on a hit.
 // Bytes a triangle: 36, nothing precomputed.
 // Watertight: yes, contraction on or off: X_i and Y_i depend on vertex and ray alone, and a difference of products
@@ -59,11 +59,11 @@ inline Across across(const Frame *f, real px, real py, real pz)
     return a;
 }
 
-// Only a hit computes t: on the triangle's plane, by a normal without cancellation, and within the rounding error of the
-// mean of the vertices' depths, which keeps the hit of a coplanar ray on its triangle. A NaN stays one. Not inlined: its
-// registers would be taken from the loop over triangles, a third of whose speed that costs.
-cold_path mask finish_hit(const Frame *f, const Triangle *s, const Across *corners, const real *edge, real *t, real *u,
-                          real *v)
+// Only a hit computes t: on the triangle's plane, by a normal without cancellation, and within the rounding error of
+// the mean of the vertices' depths, which keeps the hit of a coplanar ray on its triangle. A NaN stays one. Not
+// inlined: its registers would be taken from the loop over triangles, a third of whose speed that costs.
+cold_path mask finish_hit(const Frame *f, const Triangle *s, const Across *corners, const real *edge,
+                          real *t, real *u, real *v)
 {
     const real px = s->x0 - f->ox, py = s->y0 - f->oy, pz = s->z0 - f->oz;
     const real ax = s->x1 - s->x0, ay = s->y1 - s->y0, az = s->z1 - s->z0;
@@ -86,8 +86,8 @@ cold_path mask finish_hit(const Frame *f, const Triangle *s, const Across *corne
     return (sum > 0.0f) | (sum < 0.0f);
 }
 
-// The vertices across the ray, and whether the ray passes inside: where no two edge functions differ in sign. One cross
-// product gives those, without cancellation: zero only where it is exact.
+// The vertices across the ray, and whether the ray passes inside: where no two edge functions differ in sign. One
+// cross product gives those, without cancellation: zero only where it is exact.
 inline mask edge_functions(const Frame *f, const Triangle *s, Across *corners, real *edge)
 {
     const Across a = across(f, s->x0 - f->ox, s->y0 - f->oy, s->z0 - f->oz);

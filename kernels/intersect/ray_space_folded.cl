@@ -1,5 +1,5 @@
-// Ellis, Shaffer & Hart, "Deferred Ray Tracing Using Intersection Binning", section 2, with the origin folded into the
-// frame: three subtractions a triangle less.
+// Ellis, Shaffer & Hart, "Deferred Ray Tracing Using Intersection Binning", section 2, with the origin folded into
+// the frame: three subtractions a triangle less.
 //
 //   X_i = p_i . u - o . u,  Y_i = p_i . v - o . v,  Z_i = p_i . d - o . d, otherwise as ray_space_plain.cl
 //

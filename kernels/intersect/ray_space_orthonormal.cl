@@ -6,10 +6,10 @@
 //   hit when no two edge functions differ in sign; t = n . (p_0 - o) / n . d,  n = (p_1 - p_0) x (p_2 - p_0)
 //
 // The mean of the vertices' depths weighted by E_i would serve as t, but on a large triangle it is off by an ulp
-// of the vertices' distance, which turns into self-hits where a ray starts on the triangle. The plane's t is right there
-// and wrong where the ray lies in the plane, so that t is the plane's, held to within DEPTH_ERROR of the mean.
-// A plain rounded cross product is watertight too, but rounds to zero for small triangles far from the ray's
-// origin and then reports hits hundreds of units beside the ray; Kahan's difference of products does not.
+// of the vertices' distance, which turns into self-hits where a ray starts on the triangle. The plane's t is right
+// there and wrong where the ray lies in the plane, so that t is the plane's, held to within DEPTH_ERROR of the mean.
+// A plain rounded cross product is watertight too, but rounds to zero for small triangles far from the ray's origin
+// and then reports hits hundreds of units beside the ray; Kahan's difference of products does not.
 // flops: 57 to accept or reject, +63 and two divisions on a hit.
 // Bytes a triangle: 36, nothing precomputed.
 // Watertight: yes, contraction on or off: X_i and Y_i depend on vertex and ray alone, and a difference of
@@ -43,8 +43,8 @@ inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u
     if (!mask_any(inside))
         return inside;
 
-    // Only a hit computes t: on the triangle's plane, by a normal without cancellation, and within the rounding error of
-    // the mean of the vertices' depths, which keeps the hit of a coplanar ray on its triangle. A NaN stays one.
+    // Only a hit computes t: on the triangle's plane, by a normal without cancellation, and within the rounding error
+    // of the mean of the vertices' depths, which keeps the hit of a coplanar ray on its triangle. A NaN stays one.
     const real z0 = fma(px0, f->dx, fma(py0, f->dy, pz0 * f->dz));
     const real z1 = fma(px1, f->dx, fma(py1, f->dy, pz1 * f->dz));
     const real z2 = fma(px2, f->dx, fma(py2, f->dy, pz2 * f->dz));

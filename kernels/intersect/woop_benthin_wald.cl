@@ -21,20 +21,11 @@ inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u
     real e2 = b.x * a.y - b.y * a.x;
     const mask zero = (e0 == 0.0f) | (e1 == 0.0f) | (e2 == 0.0f);
     if (mask_any(zero)) {
-        const wide ax = widen(a.x), ay = widen(a.y), bx = widen(b.x), by = widen(b.y), cx = widen(c.x), cy = widen(c.y);
+        const wide ax = widen(a.x), ay = widen(a.y), bx = widen(b.x), by = widen(b.y);
+        const wide cx = widen(c.x), cy = widen(c.y);
         e0 = pick(e0, narrow(cx * by - cy * bx), zero);
         e1 = pick(e1, narrow(ax * cy - ay * cx), zero);
         e2 = pick(e2, narrow(bx * ay - by * ax), zero);
     }
-    const real sum = e0 + e1 + e2;
-    const mask inside = ((min(e0, min(e1, e2)) >= 0.0f) | (max(e0, max(e1, e2)) <= 0.0f)) &
-                        ((sum > 0.0f) | (sum < 0.0f));
-    if (!mask_any(inside))
-        return inside;
-
-    const real inverse = 1.0f / sum;
-    *t = (e0 * a.z + e1 * b.z + e2 * c.z) * inverse;
-    *u = e1 * inverse;
-    *v = e2 * inverse;
-    return inside;
+    return hit_of_edges(a, b, c, e0, e1, e2, t, u, v);
 }

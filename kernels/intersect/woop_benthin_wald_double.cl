@@ -1,5 +1,5 @@
-// Woop, Benthin & Wald 2013, "Watertight Ray/Triangle Intersection", with everything after loading in double precision:
-// what accuracy costs when it is bought with width.
+// Woop, Benthin & Wald 2013, "Watertight Ray/Triangle Intersection", with everything after loading in double
+// precision: what accuracy costs when it is bought with width.
 //
 //   as woop_benthin_wald.cl; the shear is not rounded to float32 either
 //

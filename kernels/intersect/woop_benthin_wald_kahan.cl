@@ -6,8 +6,8 @@
 // flops: 41 to accept or reject beside the selections, +11 and one division on a hit.
 // Bytes a triangle: 36, nothing precomputed.
 // Watertight: yes, contraction on or off. The shear may be contracted, but alike for every triangle of a vertex.
-// Known failures: t of a large triangle near the ray's origin errs by an ulp of the farthest vertex's distance, so that
-// spawned rays hit where they start; rays at a vertex hit several of its triangles.
+// Known failures: t of a large triangle near the ray's origin errs by an ulp of the farthest vertex's distance, so
+// that spawned rays hit where they start; rays at a vertex hit several of its triangles.
 
 #include "intersect/shear.clh"
 
@@ -19,15 +19,5 @@ inline mask intersector_test(const Frame *f, const Triangle *s, real *t, real *u
     const real e0 = difference_of_products(c.x, b.y, c.y, b.x);
     const real e1 = difference_of_products(a.x, c.y, a.y, c.x);
     const real e2 = difference_of_products(b.x, a.y, b.y, a.x);
-    const real sum = e0 + e1 + e2;
-    const mask inside = ((min(e0, min(e1, e2)) >= 0.0f) | (max(e0, max(e1, e2)) <= 0.0f)) &
-                        ((sum > 0.0f) | (sum < 0.0f));
-    if (!mask_any(inside))
-        return inside;
-
-    const real inverse = 1.0f / sum;
-    *t = (e0 * a.z + e1 * b.z + e2 * c.z) * inverse;
-    *u = e1 * inverse;
-    *v = e2 * inverse;
-    return inside;
+    return hit_of_edges(a, b, c, e0, e1, e2, t, u, v);
 }
