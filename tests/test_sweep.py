@@ -236,6 +236,20 @@ def test_the_projects_own_tiers_expand(fakes):
     assert {spec.scene for spec in smoke} == {"sponza", "conference"}
 
 
+def test_the_full_tier_has_both_readings_and_embree_beside_what_it_is_compared_with(fakes):
+    scenes = {"sponza", "conference", "hairball", "crown", "san-miguel"}
+    full = plan.expand(ROOT / "harness/paper/sweeps.toml", "full")
+    for grid in ("8/128", "8/128 per-cell"):
+        for variant in ("deferred:ray-space", "work-optimal:ray-space"):
+            runs = [spec for spec in full if spec.grid == plan.parse_grid(grid) and str(spec.variant) == variant]
+            assert {spec.scene for spec in runs if spec.kind == "diffuse" and spec.repetitions >= 3} >= scenes
+    for group in sweep.shuffled_groups(full, 1):
+        if any(spec.variant.tracer == "streamed" for spec in group):
+            assert "embree" in {spec.variant.tracer for spec in group}, group[0]
+    dense = [spec for spec in full if spec.scene == "crown" and spec.rays == 1_000_000 and spec.repetitions == 3]
+    assert {"deferred", "forward", "work-optimal", "embree"} <= {spec.variant.tracer for spec in dense}
+
+
 # ---------------------------------------------------------------- running and resuming
 
 
