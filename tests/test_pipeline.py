@@ -63,6 +63,7 @@ def test_a_group_of_variants_gives_complete_valid_records(device, mesh_file):
 
 
 def test_embrees_hierarchy_is_built_once_a_scene(device, mesh_file, monkeypatch):
+    measure.shared_scene(mesh_file, device)  # loading a mesh looks around in it with a hierarchy of its own
     built = []
     original = EmbreeScene.__init__
     monkeypatch.setattr(EmbreeScene, "__init__", lambda self, *rest, **named: (built.append(1),
