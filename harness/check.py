@@ -9,6 +9,7 @@ there.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 
@@ -102,8 +103,8 @@ class Checker:
     `triangles` float32[n,3,3]; `rays` of any direction length and t_max; `mode`: `embree` (Embree on all
     rays, exact arithmetic on the disputed ones), `exact` (exact arithmetic on all: about a millisecond a ray)
     or `none`. `active` bool[n] or None: the triangles that take part; a hit on another one is malformed.
-    `embree` and `oracle`, built with the same `active`, may be shared between checkers of one scene. Raises
-    DefrayError for an unknown mode.
+    `embree` and `oracle` (or what makes it at the first dispute), built with the same `active`, may be shared between
+    checkers of one scene. Raises DefrayError for an unknown mode.
     """
 
     def __init__(
@@ -113,7 +114,7 @@ class Checker:
         mode: str = "embree",
         active: np.ndarray | None = None,
         embree: EmbreeScene | None = None,
-        oracle: Oracle | None = None,
+        oracle: Oracle | Callable[[], Oracle] | None = None,
     ):
         if mode not in ("embree", "exact", "none"):
             raise known("check", mode, ("embree", "exact", "none"))
@@ -162,8 +163,8 @@ class Checker:
     @property
     def oracle(self) -> Oracle:
         """The exact oracle, built at the first dispute."""
-        if self._oracle is None:
-            self._oracle = Oracle(self.triangles, self.active)
+        if not isinstance(self._oracle, Oracle):
+            self._oracle = self._oracle() if self._oracle else Oracle(self.triangles, self.active)
         return self._oracle
 
     def _compare(self, rows: slice, hits: Hits, verdicts: _Verdicts, reference) -> None:

@@ -18,6 +18,7 @@ from harness.embree import EmbreeScene
 from harness.exact import zero_area
 from harness.grid import Grid
 from harness.ladder import LARGE, check_memory
+from harness.oracle import Oracle
 from harness.rays import make_rays
 from harness.scene import expected_triangles, load_scene
 from harness.spec import RunSpec
@@ -116,10 +117,20 @@ class SharedScene:
         self._rays: dict[tuple, Rays] = {}
         self._checkers: dict[tuple, Checker] = {}
 
-    @functools.cached_property
+    @property
     def embree(self) -> EmbreeScene:
-        """Finds primary hits for the rays that start on surfaces."""
-        return EmbreeScene(self.scene.triangles)
+        """Finds primary hits for the rays that start on surfaces; Embree's runs trace it too."""
+        return self.setting.hierarchy()
+
+    @functools.cached_property
+    def reference(self) -> EmbreeScene:
+        """The checkers' hierarchy: of the triangles that take part."""
+        return self.embree if self.active.all() else EmbreeScene(self.scene.triangles, active=self.active)
+
+    @functools.cached_property
+    def oracle(self) -> Oracle:
+        """Settles the checkers' disputes."""
+        return Oracle(self.scene.triangles, self.active)
 
     def rays(self, spec: RunSpec) -> Rays:
         """The ray set of a spec; the latest stays in memory."""
@@ -129,13 +140,15 @@ class SharedScene:
             self._rays = {key: make_rays(self.scene, *key, embree=embree)}
             self._checkers.clear()
             if len(self.scene) >= LARGE:
-                self.__dict__.pop("embree", None)  # the checker builds another, and two would be too much memory
+                self.setting.hierarchies.clear()  # the checker builds another, and two would be too much memory
         return self._rays[key]
 
     def checker(self, spec: RunSpec, rays: Rays) -> Checker:
         """The checker of the latest ray set: it remembers every ray settled exactly."""
         if spec.check not in self._checkers:
-            self._checkers[spec.check] = Checker(self.scene.triangles, rays, spec.check, self.active)
+            embree = self.reference if spec.check == "embree" and len(self.scene) < LARGE else None
+            oracle = functools.partial(getattr, self, "oracle")
+            self._checkers[spec.check] = Checker(self.scene.triangles, rays, spec.check, self.active, embree, oracle)
         return self._checkers[spec.check]
 
 

@@ -131,14 +131,13 @@ def interleaved(
 ) -> Iterable[RunSpec]:
     """Specs of all variants on all grids.
 
-    A tracer without a grid is measured once, beside the first grid's runs: it belongs to their group, so
-    that its repetitions interleave with theirs and ratios to it are paired.
+    A tracer without a grid is measured beside the runs of every grid: it belongs to their group, so that its
+    repetitions interleave with theirs and ratios to it are paired. Where no variant walks a grid it has none.
     """
     if not any(map(needs_grid, variants)):
         grids = []
     for variant in variants:
-        places = grids if needs_grid(variant) else grids[:1]
-        for grid in places or [None]:
+        for grid in grids or [None]:
             yield make_spec(scene, variant, grid=grid, **fields)
 
 

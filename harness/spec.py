@@ -93,7 +93,7 @@ class Variant(BaseModel):
 
 
 class RunSpec(BaseModel):
-    """One run. `grid` is None for tracers that use none (`brute`, `embree`)."""
+    """One run. `grid` of a tracer that uses none (`brute`, `embree`): that of the runs it stands beside, if any."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -118,7 +118,12 @@ class RunSpec(BaseModel):
     @property
     def group(self) -> tuple:
         """Runs with the same group share scene, rays and grid, and are measured interleaved."""
-        return (self.scene, self.kind, self.rays, self.seed, self.view, self.ray_file, self.grid)
+        return (*self.workload, self.grid)
+
+    @property
+    def workload(self) -> tuple:
+        """Scene and rays."""
+        return (self.scene, self.kind, self.rays, self.seed, self.view, self.ray_file)
 
     @property
     def id(self) -> str:

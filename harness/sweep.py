@@ -96,12 +96,12 @@ def run_sweep(request: SweepRequest, console: Console | None = None) -> int:
 def shuffled_groups(specs: Sequence[RunSpec], seed: int) -> list[list[RunSpec]]:
     """Runs by group, in the random order that `seed` gives.
 
-    Scenes, the groups of a scene and the runs of a group are shuffled; groups of one scene stay together,
-    so that each scene is loaded once.
+    Scenes, the sets of rays of a scene, their groups and the runs of a group are shuffled; groups of one scene stay
+    together, and those with the same rays, so that each scene is loaded and each set of rays made once.
     """
-    scenes: dict[str, dict[tuple, list[RunSpec]]] = {}
+    scenes: dict[str, dict[tuple, dict[tuple, list[RunSpec]]]] = {}
     for spec in specs:
-        scenes.setdefault(spec.scene, {}).setdefault(spec.group, []).append(spec)
+        scenes.setdefault(spec.scene, {}).setdefault(spec.workload, {}).setdefault(spec.group, []).append(spec)
     generator = random.Random(seed)
 
     def shuffled(items: Iterable) -> list:
@@ -109,7 +109,8 @@ def shuffled_groups(specs: Sequence[RunSpec], seed: int) -> list[list[RunSpec]]:
         generator.shuffle(items)
         return items
 
-    return [shuffled(group) for scene in shuffled(scenes.values()) for group in shuffled(scene.values())]
+    return [shuffled(group) for scene in shuffled(scenes.values()) for workload in shuffled(scene.values())
+            for group in shuffled(workload.values())]
 
 
 # ---------------------------------------------------------------- the folder

@@ -9,6 +9,7 @@ from test_report import make_folder, one_record
 
 from harness.break_even import Cost, rays_to_break_even
 from harness.errors import DefrayError
+from harness.figures import end_to_end
 from harness.report import read_runs
 from harness.tables import break_even
 
@@ -64,6 +65,20 @@ def test_table_takes_the_fastest_runs_and_the_shortest_builds(tmp_path):
     assert (row["deferred_build_seconds"], row["forward_build_seconds"], row["embree_build_seconds"]) == (2, 1, 0.5)
     assert row["rays_until_ahead_of_forward"] == pytest.approx(1.0 / 500e-9, rel=0.1)
     assert row["rays_until_ahead_of_embree"] == pytest.approx(1.5 / 200e-9, rel=0.2)
+
+
+def test_embree_is_taken_from_beside_the_fastest_deferred_run(tmp_path):
+    made = records(0.5)
+    paired, lucky = (one_record("sponza", "embree", None, {"total": ns}, grid=None) for ns in (600, 300))
+    for record in (made[0], paired):
+        record["spec"] = {"grid": {"top": 0, "leaf": 0, "reading": "auto"}}
+    lucky["spec"] = {"grid": {"top": 8, "leaf": 128, "reading": "total"}}
+    paired["id"], lucky["id"] = "paired", "lucky"
+    make_folder(tmp_path, [*made[:3], lucky, paired])
+    runs = read_runs(tmp_path)
+    assert "paired" in break_even.select(runs).iloc[0]["runs"].split()
+    shown = end_to_end.select(runs).set_index("series")
+    assert shown.loc["Embree robust", "runs"] == "paired" and "lucky" not in set(shown["runs"])
 
 
 def test_a_build_that_is_not_known_has_no_break_even(tmp_path):

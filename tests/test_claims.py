@@ -111,6 +111,29 @@ def test_sides_are_compared_on_the_same_rays_only_and_on_most_of_them():
     assert verdict(TWICE, more).verdict == "shape only"
 
 
+def embree_beside(grid: str, scene: str, seconds) -> dict:
+    """A run of Embree measured beside the runs on `grid`."""
+    made = record("embree:", scene, seconds, grid=grid, stage="total")
+    return made | {"spec": {"grid": made["grid"]}, "grid": None, "id": f"embree beside {grid} {scene}"}
+
+
+def test_embree_is_compared_as_measured_beside_the_other_side():
+    rule = {"type": "ratio", "of": {"variant": "embree", "seconds": "total"},
+            "to": {"variant": OURS, "grid": "8/64 total", "seconds": "total"}, "full": {"at_least": 2, "on": "all"}}
+    noisy = (1.0, 2.0, 4.0)
+    records = []
+    for scene in SCENES:
+        records += [record(OURS, scene, noisy, grid="8/64 total"), embree_beside("8/128 total", scene, 1.0)]
+    judged = verdict(rule, records)
+    finding = judged.outcomes[0].findings[0]
+    assert judged.verdict == "contradicted" and finding.low < finding.high
+    paired = [embree_beside("8/64 total", scene, tuple(3 * time for time in noisy)) for scene in SCENES]
+    judged = verdict(rule, records + paired)
+    finding = judged.outcomes[0].findings[0]
+    assert judged.verdict == "reproduced" and (finding.low, finding.high) == pytest.approx((3, 3))
+    assert "embree beside 8/64 total sponza" in finding.runs
+
+
 def test_the_uniform_grid_is_the_fastest_one_measured():
     rule = {"type": "ratio", "of": {"variant": OURS, "grid": "uniform", "seconds": "total"},
             "to": {"variant": OURS, "grid": "adaptive", "seconds": "total"}, "full": {"above": 1, "on": "any"}}

@@ -16,6 +16,7 @@ import harness
 from harness import measure
 from harness.check import Checker
 from harness.data import GridSpec, Scene, differing
+from harness.embree import EmbreeScene
 from harness.errors import DefrayError
 from harness.grid import build_grid
 from harness.intersectors import INTERSECTORS
@@ -59,6 +60,18 @@ def test_a_group_of_variants_gives_complete_valid_records(device, mesh_file):
     assert len({body["hits_sha256"] for spec, body in results if spec.variant.tracer != "embree"}) == 1
     assert stages == sorted(stages) and stages[0] == 0 and stages[-1] <= 1
     assert results[0][1]["grid"]["references"] > 0 and results[4][1]["grid"] is None
+
+
+def test_embrees_hierarchy_is_built_once_a_scene(device, mesh_file, monkeypatch):
+    measure.shared_scene(mesh_file, device)  # loading a mesh looks around in it with a hierarchy of its own
+    built = []
+    original = EmbreeScene.__init__
+    monkeypatch.setattr(EmbreeScene, "__init__", lambda self, *rest, **named: (built.append(1),
+                                                                               original(self, *rest, **named))[1])
+    for rays in (2000, 1000):
+        for grid in (GridSpec(4, 16), GridSpec(4, 8)):
+            list(run_group(specs(mesh_file, ("deferred:ray-space", "embree"), rays=rays, grid=grid), device))
+    assert len(built) == 1
 
 
 def test_stages_are_timed_where_a_tracer_has_them(device, mesh_file):

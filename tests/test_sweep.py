@@ -1,5 +1,6 @@
 """Sweeps: plans, resuming, failures that must not stop the rest."""
 
+import itertools
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -122,16 +123,39 @@ def test_grids():
         plan.parse_grid("0/8")
 
 
-def test_the_product_is_expanded_and_gridless_tracers_run_beside_the_first_grid(fakes, request_):
+def test_the_product_is_expanded_and_gridless_tracers_run_beside_every_grid(fakes, request_):
     specs = plan.expand(request_.file, "small")
-    assert len(specs) == 2 * (2 * 2 + 1)
-    assert {spec.grid.leaf for spec in specs if spec.variant.tracer == "embree"} == {32}
+    assert len(specs) == 2 * 2 * 3
+    assert {spec.grid.leaf for spec in specs if spec.variant.tracer == "embree"} == {32, 64}
     assert {spec.rays for spec in specs} == {64_000}
     groups = sweep.shuffled_groups(specs, 1)
     order = [group[0].scene for group in groups]
     assert order in ([a, a, b, b] for a, b in (("sponza", "conference"), ("conference", "sponza")))
-    assert sorted(len(group) for group in groups) == [2, 2, 3, 3]
+    assert [len(group) for group in groups] == [3, 3, 3, 3]
     assert all(len({spec.group for spec in group}) == 1 for group in groups)
+
+
+def test_sweeps_on_the_same_rays_each_have_an_embree_of_their_own(fakes, request_):
+    second = (
+        'name = "two"\nscenes = "sponza"\ngrids = "{}"\nrays = "64k"\nrepetitions = 2\n'
+        'variants = ["deferred", "embree"]\n'
+    )
+    request_.file.write_text(TIER + "[[tiers.small.sweeps]]\n" + second.format("auto"))
+    specs = plan.expand(request_.file, "small")
+    groups = [group for group in sweep.shuffled_groups(specs, 1) if group[0].scene == "sponza"]
+    assert len(groups) == 3
+    for group in groups:
+        assert [str(spec.variant) for spec in group].count("embree") == 1
+    request_.file.write_text(TIER + "[[tiers.small.sweeps]]\n" + second.format("8/32"))
+    assert plan.expand(request_.file, "small") == specs[:12], "the same grid is the same run"
+
+
+def test_groups_with_the_same_rays_follow_each_other(fakes, request_):
+    request_.file.write_text(TIER.replace('rays = "64k"', 'rays = ["64k", "1k", "2k"]'))
+    specs = plan.expand(request_.file, "small")
+    for seed in range(5):
+        order = [group[0].workload for group in sweep.shuffled_groups(specs, seed)]
+        assert sum(one != two for one, two in itertools.pairwise(order)) == 2 * 3 - 1
 
 
 def test_without_a_tracer_that_walks_no_grid_is_built(fakes):
@@ -207,6 +231,20 @@ def test_the_projects_own_tiers_expand(fakes):
     assert {spec.scene for spec in smoke} == {"sponza", "conference"}
 
 
+def test_the_full_tier_has_both_readings_and_embree_beside_what_it_is_compared_with(fakes):
+    scenes = {"sponza", "conference", "hairball", "crown", "san-miguel"}
+    full = plan.expand(ROOT / "harness/paper/sweeps.toml", "full")
+    for grid in ("8/128", "8/128 per-cell"):
+        for variant in ("deferred:ray-space", "work-optimal:ray-space"):
+            runs = [spec for spec in full if spec.grid == plan.parse_grid(grid) and str(spec.variant) == variant]
+            assert {spec.scene for spec in runs if spec.kind == "diffuse" and spec.repetitions >= 3} >= scenes
+    for group in sweep.shuffled_groups(full, 1):
+        if any(spec.variant.tracer == "streamed" for spec in group):
+            assert "embree" in {spec.variant.tracer for spec in group}, group[0]
+    dense = [spec for spec in full if spec.scene == "crown" and spec.rays == 1_000_000 and spec.repetitions == 3]
+    assert {"deferred", "forward", "work-optimal", "embree"} <= {spec.variant.tracer for spec in dense}
+
+
 # ---------------------------------------------------------------- running and resuming
 
 
@@ -215,10 +253,10 @@ def test_a_whole_sweep(fakes, request_):
     assert code == 0
     assert sorted(ids_on_file(request_)) == sorted(spec.id for spec in plan.expand(request_.file, "small"))
     lines = printed.splitlines()
-    assert len(lines) == 11 and lines[0].startswith("[ 1/10] ") and lines[0].endswith("1 Mrays/s valid")
-    assert lines[-1].startswith("10 runs: 10 valid; records in ")
+    assert len(lines) == 13 and lines[0].startswith("[ 1/12] ") and lines[0].endswith("1 Mrays/s valid")
+    assert lines[-1].startswith("12 runs: 12 valid; records in ")
     header = json.loads((request_.out / "sweep.json").read_text())
-    assert (header["seed"], header["tier"], header["runs"]) == (5, "small", 10)
+    assert (header["seed"], header["tier"], header["runs"]) == (5, "small", 12)
     assert json.loads((request_.out / "env.json").read_text()) == MACHINE
 
 
@@ -227,7 +265,7 @@ def test_a_folder_with_records_needs_resume(fakes, request_):
     with pytest.raises(DefrayError, match="already has records; pass --resume"):
         start(request_)
     code, printed = start(request_, resume=True, seed=None)
-    assert code == 0 and printed.startswith("10 runs: 10 valid") and len(ids_on_file(request_)) == 10
+    assert code == 0 and printed.startswith("12 runs: 12 valid") and len(ids_on_file(request_)) == 12
 
 
 @pytest.mark.parametrize(
@@ -262,7 +300,7 @@ def test_a_torn_record_is_measured_again(fakes, request_):
     file.write_bytes(file.read_bytes()[:-100])
     code, printed = start(request_, resume=True)
     assert code == 0 and "warning:" in printed and "moved it to records.jsonl.broken" in printed
-    assert len(ids_on_file(request_)) == len(set(ids_on_file(request_))) == 10
+    assert len(ids_on_file(request_)) == len(set(ids_on_file(request_))) == 12
 
 
 def test_a_failed_check_is_stored_and_the_sweep_goes_on(fakes, request_):
@@ -272,9 +310,9 @@ def test_a_failed_check_is_stored_and_the_sweep_goes_on(fakes, request_):
 
     fakes(one_wrong)
     code, printed = start(request_)
-    assert code == 1 and len(ids_on_file(request_)) == 10
-    assert printed.count("check failed: 3 missed (against embree), no rate") == 1
-    assert "10 runs: 9 valid, 1 failed the check and have no rate" in printed
+    assert code == 1 and len(ids_on_file(request_)) == 12
+    assert printed.count("check failed: 3 missed (against embree), no rate") == 2
+    assert "12 runs: 10 valid, 2 failed the check and have no rate" in printed
     assert start(request_, resume=True)[0] == 1, "a resumed sweep must not forget the failure"
 
 
@@ -289,13 +327,13 @@ def test_an_error_in_one_run_costs_only_that_run(fakes, request_, error):
 
     fakes(one_breaks)
     code, printed = start(request_)
-    assert code == 1 and len(ids_on_file(request_)) == len(set(ids_on_file(request_))) == 8
-    assert "2 could not run" in printed and len(printed.splitlines()) == 11
+    assert code == 1 and len(ids_on_file(request_)) == len(set(ids_on_file(request_))) == 10
+    assert "2 could not run" in printed and len(printed.splitlines()) == 13
     stored = [json.loads(line) for line in (request_.out / "errors.jsonl").read_text().splitlines()]
     assert {entry["spec"]["scene"] for entry in stored} == {"sponza"}
     assert all(str(error).split("\n")[0] in entry["error"] for entry in stored)
     fakes(fake_run_group)
-    assert start(request_, resume=True)[0] == 0 and len(ids_on_file(request_)) == 10
+    assert start(request_, resume=True)[0] == 0 and len(ids_on_file(request_)) == 12
 
 
 def test_an_error_of_the_group_fails_all_its_runs(fakes, request_):
@@ -308,7 +346,7 @@ def test_an_error_of_the_group_fails_all_its_runs(fakes, request_):
     fakes(no_grid)
     code, printed = start(request_)
     assert code == 1 and len(ids_on_file(request_)) == 6
-    assert printed.count("error: grid needs 20 GiB") == 4
+    assert printed.count("error: grid needs 20 GiB") == 6
 
 
 def test_an_unwritable_folder_is_one_line(fakes, request_):
@@ -324,4 +362,4 @@ def test_the_bar_shows_on_a_terminal(fakes, request_, tmp_path):
         assert sweep.run_sweep(request_, console) == 0
         printed.seek(0)
         text = printed.read()
-    assert "left" in text and "10 runs: 10 valid" in text
+    assert "left" in text and "12 runs: 12 valid" in text

@@ -81,7 +81,7 @@ def test_stopping_says_how_to_resume(fakes, request_, number, code):
         printed = process.stderr.read()
     stored = len(ids_on_file(request_))
     last = printed.splitlines()[-1]
-    assert last.startswith(f"stopped after {stored} of 10 runs; go on with: defray sweep ")
+    assert last.startswith(f"stopped after {stored} of 12 runs; go on with: defray sweep ")
     assert last.endswith("--resume") and "Traceback" not in printed
 
 

@@ -10,7 +10,7 @@ from pydantic import field_validator, model_validator
 
 from harness.claims.outcome import Strict
 from harness.data import STAGES
-from harness.figures.runs import WORKLOAD, Runs, plain, rung_of
+from harness.figures.runs import WORKLOAD, Runs, beside, plain, rung_of
 from harness.spec import Variant
 from harness.stats import Interval, quotient, ratio
 
@@ -114,7 +114,7 @@ def pair_on(rows: pd.DataFrame, of: Operand, to: Operand) -> Pair | None:
     """The pair on the workload with most rays, then most repetitions; None where no workload has both sides."""
     best = None
     for _, work in rows.groupby(WORK, sort=True):
-        sides = [_fastest(operand, operand.matches(work)) for operand in (of, to)]
+        sides = _sides(work, of, to)
         if any(side is None for side in sides):
             continue
         pair = make_pair(*sides, of, to)
@@ -122,6 +122,17 @@ def pair_on(rows: pd.DataFrame, of: Operand, to: Operand) -> Pair | None:
         if best is None or rank > best[0]:
             best = (rank, pair)
     return best[1] if best else None
+
+
+def _sides(work: pd.DataFrame, of: Operand, to: Operand) -> list[pd.Series | None]:
+    """The fastest run of each; of a tracer without a grid the one measured beside the other's."""
+    found = [operand.matches(work) for operand in (of, to)]
+    sides = [_fastest(operand, rows) for operand, rows in zip((of, to), found, strict=True)]
+    if all(side is not None for side in sides):
+        for place, other in ((0, 1), (1, 0)):
+            if sides[place]["grid"] == "" and sides[other]["grid"] != "":
+                sides[place] = _fastest((of, to)[place], beside(found[place], sides[other]))
+    return sides
 
 
 def _fastest(operand: Operand, rows: pd.DataFrame) -> pd.Series | None:
@@ -132,7 +143,7 @@ def _fastest(operand: Operand, rows: pd.DataFrame) -> pd.Series | None:
 
 
 def make_pair(one: pd.Series, two: pd.Series, of: Operand, to: Operand) -> Pair:
-    """The ratio of two runs. Repetitions are paired where both ran in one group, which one grid makes."""
+    """The ratio of two runs. Repetitions are paired where both ran in one group, beside the same grid."""
     over, under = of.values(one["record"]), to.values(two["record"])
     exact = of.count is not None and to.count is not None
     value = float(pd.Series(over).median() / pd.Series(under).median())
@@ -141,7 +152,7 @@ def make_pair(one: pd.Series, two: pd.Series, of: Operand, to: Operand) -> Pair:
     elif min(len(over), len(under)) < LEAST_REPETITIONS:
         found = None
     else:
-        together = len(over) == len(under) and (one["grid"] == two["grid"] or "" in (one["grid"], two["grid"]))
+        together = len(over) == len(under) and one["beside"] == two["beside"]
         found = (ratio if together else quotient)(over, under)
         value = found.median
     runs = tuple(dict.fromkeys((one["run"], two["run"])))

@@ -27,6 +27,7 @@ def select(runs: Runs) -> pd.DataFrame:
                 & (rows["grid"] == runs.grid))
     embree = (rows["tracer"] == "embree") & rows["options"].isin(("", "robust=true"))
     rows = rows[(deferred | embree) & rows["total"].notna()]
+    rows = rows.sort_values("beside", key=lambda name: name != runs.grid, kind="stable")  # Embree's beside ours first
     rows = rows.drop_duplicates(["scene", "view", "seed", "tracer", "rays"])
     found = []
     for _, scene in rows.groupby("scene", sort=False):

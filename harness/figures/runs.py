@@ -212,7 +212,7 @@ def row_of(record: dict, scene_title) -> dict:
         "options": options_text(record.get("options")), "label": label_of(record),
         "method": f"{record['tracer']}:{record.get('intersector') or ''}",
         "device": record["machine"].get("device") or "", "valid": record.get("valid") is True,
-        "grid": grid_text(grid), "top": grid.get("top"), "leaf": grid.get("leaf"),
+        "grid": grid_text(grid), "beside": beside_text(record), "top": grid.get("top"), "leaf": grid.get("leaf"),
         "reading": grid.get("reading") or "", "cells": resolution_of(grid),
         "grid_megabytes": bytes_of(grid) / 1e6 if grid else float("nan"),
         "repetitions": record.get("repetitions"), "record": record,
@@ -252,6 +252,29 @@ def label_of(record: dict) -> str:
 def grid_text(grid: dict) -> str:
     """`8/128 total`, or nothing where a tracer uses no grid."""
     return f"{grid['top']}/{grid['leaf']} {grid.get('reading', '')}".strip() if grid else ""
+
+
+def beside_text(record: dict) -> str:
+    """The grid that a run was asked for, with its density: runs on the same rays with the same were interleaved.
+
+    Of a tracer without a grid, that of the runs it stood beside; nothing where it stood alone.
+    """
+    asked = (record.get("spec") or {}).get("grid") or record.get("grid") or {}
+    return " ".join(filter(None, (grid_text(asked), f"{asked.get('density') or ''}")))
+
+
+def beside(rows: pd.DataFrame, run: pd.Series) -> pd.DataFrame:
+    """Those of the rows that were interleaved with `run`, so that ratios are paired; all where none was.
+
+    Among them the ones with as many repetitions, if there are any.
+    """
+    same = rows["beside"] == run["beside"]
+    for column in ("kind", *WORKLOAD):
+        same &= rows[column] == run[column]
+    for kept in (rows[same & (rows["repetitions"] == run["repetitions"])], rows[same]):
+        if not kept.empty:
+            return kept
+    return rows
 
 
 def resolution_of(grid: dict) -> float:

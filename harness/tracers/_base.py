@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, Literal
 
@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from harness.data import Counters, GridSpec, Hits, Rays, Scene
 from harness.device import Device
+from harness.embree import EmbreeScene
 from harness.errors import DefrayError, known
 from harness.grid import DeviceScene, Grid, stored_triangles, upload_scene, walk_defines
 from harness.intersectors import Intersector
@@ -42,12 +43,22 @@ class DeviceOptions(Options):
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What a group of runs shares: the scene, the device, the scene on the device, and the grid."""
+    """What a group of runs shares: the scene, the device, the scene on the device, and the grid.
+
+    `hierarchies`: Embree's, by whether they are robust, built when first asked for and kept for all of the scene.
+    """
 
     scene: Scene
     device: Device | None = None
     device_scene: DeviceScene | None = None
     grid: Grid | None = None
+    hierarchies: dict[bool, EmbreeScene] = field(default_factory=dict, repr=False)
+
+    def hierarchy(self, robust: bool = True) -> EmbreeScene:
+        """Embree's hierarchy of all triangles."""
+        if robust not in self.hierarchies:
+            self.hierarchies[robust] = EmbreeScene(self.scene.triangles, robust)
+        return self.hierarchies[robust]
 
     @classmethod
     def on_device(cls, scene: Scene, device: Device, active: np.ndarray | None = None) -> Setting:

@@ -33,8 +33,8 @@ class Embree(Tracer):
 
     @cached_property
     def scene(self) -> EmbreeScene:
-        """The hierarchy, built on first use."""
-        return EmbreeScene(self.setting.scene.triangles, robust=self.options.robust)
+        """The hierarchy, built on first use and shared with other runs on the scene."""
+        return self.setting.hierarchy(self.options.robust)
 
     @property
     def build_seconds(self) -> float:
