@@ -108,7 +108,7 @@ def _curve(axis, numbers: pd.DataFrame) -> None:
     middle, low, high = fit.at(sizes)
     axis.fill_between(sizes, low, high, color=style.BLUE, alpha=0.1, linewidth=0, zorder=1)
     axis.plot(sizes, middle, color=style.BLUE, linewidth=1.1, zorder=2,
-              label=f"{CURVES[fit.model]} through the ray-space points, and 95 %")
+              label=f"{CURVES[fit.model]} through the ray-space points, 95 % interval")
     centre = np.exp(np.log(points[["triangles", "speedup"]]).mean())
     axis.plot(sizes, centre["speedup"] * sizes / centre["triangles"], color=style.MUTED, linewidth=1,
               linestyle=":", label="in proportion to size", zorder=1.5)

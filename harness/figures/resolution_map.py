@@ -102,7 +102,7 @@ def _map(axis, scene: pd.DataFrame, column: str, label: str, colour: str) -> Non
     for (row, place), value in np.ndenumerate(values):
         if np.isfinite(value):
             dark = norm(value) > 0.62 and colour == style.BLUE
-            axis.text(place + 0.5, row + 0.5, style.short_number(value), ha="center", va="center", fontsize=6.5,
+            axis.text(place + 0.5, row + 0.5, style.three_digits(value), ha="center", va="center", fontsize=6.5,
                       color=style.PAGE if dark else style.INK)
     tops, leaves = list(table.index), list(table.columns)
     axis.set(xticks=np.arange(len(leaves)) + 0.5, yticks=np.arange(len(tops)) + 0.5, xlim=(0, len(leaves)),
@@ -136,5 +136,5 @@ def _below(scene: pd.DataFrame, column: str) -> str:
                        ("★ chosen", scene[(scene["reading"] == "adaptive") & scene["chosen"]])):
         if len(rows):
             best = rows.loc[rows["rate_mrays_per_s"].idxmax()]
-            text += f"\n{name}: {style.short_number(best[column])}"
+            text += f"\n{name}: {style.three_digits(best[column])}"
     return text

@@ -23,7 +23,7 @@ from PIL import Image
 
 WIDE, NARROW = 7.2, 3.9  # inches: two columns of a page, and a telephone
 FORMATS = ("svg", "pdf", "png")
-STRIP = 0.13  # inches below a figure for its id
+STRIP = 0.16  # inches below a figure for its id
 
 INK, MUTED, RULE, BAND, PAGE = "#16181b", "#5d636b", "#d5d8dc", "#f1f3f5", "#fffffe"
 BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY = (
@@ -117,7 +117,7 @@ def marked(figure: Figure, mark: str):
         yield None
         return
     width, height = figure.get_size_inches()
-    text = figure.text(1 - 0.04 / width, (STRIP - 0.11) / -height, mark, ha="right", va="baseline", fontsize=5,
+    text = figure.text(1 - 0.04 / width, (STRIP - 0.03) / -height, mark, ha="right", va="baseline", fontsize=5,
                        color=MUTED)
     try:
         yield Bbox.from_extents(0, -STRIP, width, height)
@@ -192,8 +192,12 @@ def _digits(value: float) -> str:
 
 
 def log_axis(axis, low: float, high: float, sparse: bool = False) -> None:
-    """Labelled ticks for a logarithmic axis of this range: 1-2-5 for short ranges, decades for long ones."""
-    subs = (1.0, 2.0, 5.0) if high / low < (20 if sparse else 600) else (1.0,)
+    """Labelled ticks for a logarithmic axis of this range: 1-2-5 for short ranges, decades for long ones.
+
+    A range of a few times has more, so that no axis is left with one or two numbers.
+    """
+    fine = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0) if high / low < 6 else (1.0, 2.0, 5.0)
+    subs = fine if high / low < (20 if sparse else 600) else (1.0,)
     axis.set_major_locator(LogLocator(base=10, subs=subs, numticks=30))
     axis.set_major_formatter(FuncFormatter(lambda value, _: short_number(value)))
     axis.set_minor_formatter(NullFormatter())
