@@ -21,15 +21,18 @@ SHARED = ("harness/figures/style.py", "harness/figures/runs.py", "harness/stats.
 OWN = ("env.json", "sweep.json", "stability.json")
 
 
-def sidecar(runs: Runs, index: dict, name: str, module, numbers, csv: str) -> dict:
+def sidecar(found: list, index: dict, name: str, module, numbers, csv: str) -> dict:
     """What is known of one figure or table; JSON, equal from equal records.
 
-    `index`: as `index_of` makes it of the folder. `records`: those behind its rows, by the id columns of `numbers`.
-    `files`: what it reads beside them, or every file of rows where its numbers name no record.
+    `found`: pairs of a machine's Runs and its own numbers, by whose id columns its `records` are found; `numbers`:
+    what is drawn of all. `index`: as `index_of` makes it of the folder. `files`: what it reads beside the records, or
+    every file of rows where its numbers name no record. Of several machines, `machine` is the first, `machines` all.
     """
-    ids = ids_of(numbers)
-    records = records_behind(runs, index, ids)
-    files = files_behind(runs, module) if getattr(module, "FILES", ()) or not records else {}
+    records = unique([one for runs, own in found for one in records_behind(runs, index, ids_of(own))])
+    reads_files = getattr(module, "FILES", ()) or not records
+    files = {path: digest for runs, _ in found for path, digest in files_behind(runs, module).items()} \
+        if reads_files else {}
+    machines = [machine_of(runs) for runs, _ in found]
     parts = [name, csv, *(one[KEY] for one in records), *files.values()]
     return {
         "id": hashlib.sha256("\n".join(parts).encode()).hexdigest()[:8],
@@ -42,10 +45,16 @@ def sidecar(runs: Runs, index: dict, name: str, module, numbers, csv: str) -> di
         "script": script_of(module),
         "shared_scripts": {path: sha256_of(ROOT / path) for path in SHARED},
         "commits": list(dict.fromkeys(one["commit"] for one in records)),
-        "commands": runs.command_of(ids),
+        "commands": unique([one for runs, own in found for one in runs.command_of(ids_of(own))]),
         "redraw": f"defray report DIR --only {name}",
-        "machine": machine_of(runs),
+        "machine": machines[0],
+        **({"machines": machines} if len(machines) > 1 else {}),
     }
+
+
+def unique(entries: list) -> list:
+    """Each entry once, in order."""
+    return [entry for place, entry in enumerate(entries) if entry not in entries[:place]]
 
 
 def ids_of(numbers) -> list[str]:

@@ -8,13 +8,11 @@ decided in its own module. A folder that holds several machines gets one report 
 from __future__ import annotations
 
 import importlib.util
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
 
 from harness.accuracy_rows import accuracy_file, latest_rows, precision_file
 from harness.errors import DefrayError, known
@@ -22,9 +20,9 @@ from harness.figures import chart, figures, style
 from harness.figures.runs import Runs, latest, read_published
 from harness.machines import by_machine, key_of, name_of, own_folder, title_of
 from harness.print_form import write_pdf
-from harness.provenance import ids_of, index_of, sidecar
+from harness.provenance import index_of
 from harness.record import RecordFile
-from harness.report_tables import page_table
+from harness.report_parts import make_block
 from harness.report_text import (
     METHODS,
     failures,
@@ -152,47 +150,6 @@ def read_stability(folder: Path, device: str) -> tuple[list[dict], list[dict]]:
         return [], []
     rates = [rate.model_dump() for rate in found.kernel_rates if rate.tests_per_second is not None]
     return [row.model_dump() for row in found.rows], rates
-
-
-# ---------------------------------------------------------------- drawing
-
-
-def make_block(machines: list[Runs], index: dict, entry: Entry) -> dict:
-    """One figure or table: its files, and its parts of the page, one for each machine that has the records."""
-    module = entry.module
-    drawn = [part for runs in machines if (part := make_part(runs, index, entry))]
-    return {"name": entry.name, "section": module.SECTION, "title": module.TITLE, "needs": module.NEEDS,
-            "label": entry.label, "number": entry.number, "is_figure": entry.number is not None, "parts": drawn,
-            "empty": not drawn}
-
-
-def make_part(runs: Runs, index: dict, entry: Entry) -> dict | None:
-    """Numbers, figure and sidecar to their files, and all as part of the page; None without numbers."""
-    numbers = entry.module.select(runs)
-    if numbers.empty:
-        return None
-    stem = entry.name + runs.suffix
-    csv = numbers.to_csv(index=False)
-    (runs.folder / "tables" / f"{stem}.csv").write_text(csv, encoding="utf-8")
-    origin = sidecar(runs, index, entry.name, entry.module, numbers, csv)
-    place = runs.folder / ("figures" if entry.number else "tables") / f"{stem}.json"
-    place.write_text(json.dumps(origin, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    part = {"stem": stem, "machine": runs.machine, "caption": entry.module.caption(runs, numbers),
-            "table": page_table(numbers), "commands": runs.command_of(ids_of(numbers)), "origin": origin}
-    return part | (draw_part(runs, entry, numbers, stem, origin["id"]) if entry.number else {})
-
-
-def draw_part(runs: Runs, entry: Entry, numbers, stem: str, identity: str) -> dict:
-    """The figure's files, and its two drawings and its chart, if it has one, for the page."""
-    wide, narrow = (style.settle(entry.module.draw(runs, numbers, on_phone)) for on_phone in (False, True))
-    mark = f"{entry.name} {identity}"
-    drawn = style.save(wide, runs.folder / "figures" / stem, mark)[0].read_text(encoding="utf-8")
-    found = {"wide": Markup(style.inline_svg(drawn, f"{stem}-wide")),
-             "narrow": Markup(style.inline_svg(style.svg_text(narrow, mark), f"{stem}-narrow")),
-             "file": runs.folder / "figures" / f"{stem}.svg"}
-    if hasattr(entry.module, "chart"):
-        found["chart"] = chart.as_json(entry.module.chart(runs, numbers))
-    return found
 
 
 # ---------------------------------------------------------------- the page

@@ -3,6 +3,8 @@
 A figure module has `ORDER` (its place in the report), `SECTION`, `TITLE`, `NEEDS` (the records it draws, in
 words), `select(runs) -> DataFrame` (its numbers; a column `runs` names the records behind each row),
 `caption(runs, numbers) -> str` and `draw(runs, numbers, narrow) -> Figure`. A new figure is a new file.
+`MACHINES` says how several machines are shown (see harness/report_parts.py); a figure with `MACHINES = TOGETHER`
+draws numbers with a column `machine` too.
 """
 
 from __future__ import annotations
@@ -10,6 +12,8 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from types import ModuleType
+
+APART, TOGETHER, SHARED = "a figure a machine", "one figure of all machines", "the same on every machine"
 
 
 def modules_in(package: str, path) -> dict[str, ModuleType]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import numpy as np
 import pandas as pd
+from matplotlib.lines import Line2D
 
-from harness.figures import style
+from harness.figures import TOGETHER, style
 from harness.figures.runs import SAME_WORK, Runs, best, rays_note, speedup
 from harness.stats import Fit, exponent, fits
 
@@ -15,6 +18,7 @@ TITLE = "Diffuse intersection: speed-up over work-optimal forward intersection"
 NEEDS = "diffuse runs of the deferred and the work-optimal tracer, default options, on one grid"
 DEFAULT, STRONGEST = "same intersector", "fastest work-optimal"
 FITTED = "ray-space"
+MACHINES = TOGETHER
 CURVES = {"constant": "a constant", "linear": "a line", "power": "a power law"}
 
 
@@ -52,8 +56,15 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     if (numbers["baseline"] == STRONGEST).any():
         text += (" Hollow marks divide by the fastest work-optimal variant measured on the scene, any "
                  "intersector and options: the ratio least kind to deferral.")
-    text += _fit_text(numbers)
+    for machine, own in by_machine(numbers):
+        text += f" {machine}:" if machine else ""
+        text += _fit_text(own)
     return f"{text} {runs.grid_note()} {rays_note(numbers)} The paper measured on its own GPU."
+
+
+def by_machine(numbers: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """The numbers of each machine with its name; one nameless machine where the report has no other."""
+    return list(numbers.groupby("machine", sort=False)) if "machine" in numbers else [("", numbers)]
 
 
 def curve_of(numbers: pd.DataFrame) -> tuple[Fit, list[Fit], pd.DataFrame] | None:
@@ -82,47 +93,79 @@ def _fit_text(numbers: pd.DataFrame) -> str:
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
-    """A point with its interval for each scene and series."""
-    figure = style.canvas(3.7 if narrow else 3.5, narrow)
+    """A point with its interval for each scene and series; machines side by side, each with its mark and curve."""
+    machines = by_machine(numbers)
+    figure = style.canvas((3.7 if narrow else 3.5) + 0.3 * (len(machines) - 1), narrow)
     axis = figure.subplots()
     claim = runs.published["claims"]["intersection_speedup"]
     axis.axhline(1, color=style.INK, linewidth=0.9)
     axis.axhline(claim["value"], color=style.PINK, linewidth=1.1, linestyle=(0, (5, 2)))
-    _curve(axis, numbers)
-    for number, (keys, series) in enumerate(numbers.groupby(["intersector", "baseline"], sort=False)):
-        _series(axis, series, *keys, number)
+    curves = [_curve(axis, own, style.MACHINE_LOOKS[place % 4][2]) for place, (_, own) in enumerate(machines)]
+    for place, (machine, own) in enumerate(machines):
+        for number, (keys, series) in enumerate(own.groupby(["intersector", "baseline"], sort=False)):
+            _series(axis, series, *keys, number, (place, len(machines)) if machine else None)
     _limits(axis, numbers, claim["value"])
     _notes(axis, claim["text"])
     _scene_names(axis, numbers, narrow)
-    figure.legend(loc="outside lower center", ncols=1 if narrow else 2)
+    handles, labels = axis.get_legend_handles_labels()
+    if machines[0][0]:
+        handles, labels = _machine_legend(numbers, any(curves), 34 if narrow else 50)
+    figure.legend(handles, labels, loc="outside lower center", ncols=1 if narrow else 2)
     return figure
 
 
-def _curve(axis, numbers: pd.DataFrame) -> None:
-    """The preferred curve with its band, and how a speed-up in proportion to size would go."""
+def _curve(axis, numbers: pd.DataFrame, line: str) -> bool:
+    """The preferred curve with its band, and how a speed-up in proportion to size would go; whether there is one."""
     found = curve_of(numbers)
     if found is None:
-        return
+        return False
     fit, _, points = found
     sizes = np.geomspace(points["triangles"].min() / 1.2, points["triangles"].max() * 1.2, 60)
     middle, low, high = fit.at(sizes)
     axis.fill_between(sizes, low, high, color=style.BLUE, alpha=0.1, linewidth=0, zorder=1)
-    axis.plot(sizes, middle, color=style.BLUE, linewidth=1.1, zorder=2,
+    axis.plot(sizes, middle, color=style.BLUE, linewidth=1.1, zorder=2, linestyle=line,
               label=f"{CURVES[fit.model]} through the ray-space points, 95 % interval")
     centre = np.exp(np.log(points[["triangles", "speedup"]]).mean())
     axis.plot(sizes, centre["speedup"] * sizes / centre["triangles"], color=style.MUTED, linewidth=1,
               linestyle=":", label="in proportion to size", zorder=1.5)
+    return True
 
 
-def _series(axis, series: pd.DataFrame, intersector: str, baseline: str, number: int) -> None:
+def _series(axis, series: pd.DataFrame, intersector: str, baseline: str, number: int,
+            place: tuple[int, int] | None) -> None:
+    """One intersector over one baseline; `place`: which machine of how many, where there are several."""
     colour, marker = style.of_intersector(intersector, number)
     hollow = baseline == STRONGEST
     shift = {"ray-space": 0.985, "moller-trumbore": 1.015}.get(intersector, 1.0)
-    name = style.intersector_title(intersector)
-    label = f"{name}, over the fastest work-optimal variant" if hollow else f"{name}, both sides"
+    if place:
+        marker = style.of_machine(place[0])[1]
+        shift *= 1.07 ** (place[0] - (place[1] - 1) / 2)
     axis.errorbar(series["triangles"] * shift, series["speedup"], yerr=style.errors(series, "speedup"),
-                  fmt=marker, color=colour, markerfacecolor=style.PAGE if hollow else colour, label=label,
-                  markersize=5.5, elinewidth=1, zorder=3 if hollow else 4)
+                  fmt=marker, color=colour, markerfacecolor=style.PAGE if hollow else colour,
+                  label=_series_title(intersector, hollow), markersize=5.5, elinewidth=1, zorder=3 if hollow else 4)
+
+
+def _series_title(intersector: str, hollow: bool) -> str:
+    name = style.intersector_title(intersector)
+    return f"{name}, over the fastest work-optimal variant" if hollow else f"{name}, both sides"
+
+
+def _machine_legend(numbers: pd.DataFrame, curves: bool, width: int) -> tuple[list[Line2D], list[str]]:
+    """Colours by intersector, filled or hollow by baseline; the marks and lines of the machines in grey."""
+    found = {}
+    for place, machine in enumerate(dict.fromkeys(numbers["machine"])):
+        _, mark, line = style.MACHINE_LOOKS[place % len(style.MACHINE_LOOKS)]
+        found[textwrap.fill(machine, width)] = Line2D([], [], color=style.MUTED, marker=mark,
+                                                      linestyle=line if curves else "none")
+    for intersector, baseline in dict.fromkeys(zip(numbers["intersector"], numbers["baseline"], strict=True)):
+        colour, _ = style.of_intersector(intersector)
+        hollow = baseline == STRONGEST
+        found[_series_title(intersector, hollow)] = Line2D(
+            [], [], color=colour, linestyle="none", marker="o", markerfacecolor=style.PAGE if hollow else colour)
+    if curves:
+        found["curve through a machine's ray-space points, 95 % interval"] = Line2D([], [], color=style.BLUE)
+        found["in proportion to size"] = Line2D([], [], color=style.MUTED, linestyle=":", linewidth=1)
+    return list(found.values()), list(found)
 
 
 def _limits(axis, numbers: pd.DataFrame, claim: float) -> None:

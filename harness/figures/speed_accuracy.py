@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
 
+from harness.figures import TOGETHER, style
 from harness.figures import chart as charts
-from harness.figures import style
 from harness.figures.contenders import accuracy_table, family_of, marks
 from harness.figures.metrics import METRICS, frontier
 from harness.figures.runs import Runs, rays_note
@@ -20,6 +20,7 @@ ORDER = 90
 SECTION = "Speed against accuracy"
 TITLE = "Whole trace against leaks of rays aimed at edges and vertices"
 NEEDS = "rows of 'defray accuracy'"
+MACHINES = TOGETHER
 X, Y = "leak_rate", "rate"
 DEFAULT = "deferred:ray-space"  # what `check_variant` makes of the bare deferred tracer
 LINE = 7.4  # points from one line of a name to the next
@@ -66,10 +67,9 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """How to read it."""
     aimed = int(numbers["aimed_rays"].max())
     default = numbers[numbers["default"]]
-    near = f"{int(default['within_noise'].sum())} of {len(default)} scenes"
-    standing = ". ".join(standing_of(name, rows) for name, rows in numbers.groupby("scene", sort=False)
-                         if rows["default"].any())
-    return (f"Up is faster, right loses fewer rays. Across: −log10 of the share of up to {aimed:,} aimed rays that a "
+    near = f"{int(default['within_noise'].sum())} of {len(default)} {'panels' if 'machine' in numbers else 'scenes'}"
+    standing = ". ".join(standing_of(name, rows) for name, rows in panels_of(numbers) if rows["default"].any())
+    return (f"Up is faster, right loses fewer rays. Across: the share of up to {aimed:,} aimed rays that a "
             "variant lets through, at the upper end of its 95 % interval; each ray is aimed at an edge or a vertex "
             "whose triangles face it and leave no gap. Hollow marks with an arrow: none was let through, drawn at "
             "3/N. Lines join the variants of one tracer that no other of it beats in both; the broad grey line, "
@@ -97,52 +97,84 @@ def standing_of(name: str, scene: pd.DataFrame) -> str:
                    else "nothing with as few leaks is faster")
 
 
+def panels_of(numbers: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """Title and rows of each panel: a scene; with several machines, each scene on each, side by side.
+
+    Scenes that most machines have come first, so that no gap parts two machines on a later scene.
+    """
+    if "machine" not in numbers:
+        return list(numbers.groupby("scene", sort=False))
+    groups = dict(list(numbers.groupby(["scene", "machine"], sort=False)))
+    scenes, machines = (list(dict.fromkeys(numbers[name])) for name in ("scene", "machine"))
+    scenes.sort(key=lambda scene: -sum((scene, machine) in groups for machine in machines))
+    keys = [(scene, machine) for scene in scenes for machine in machines if (scene, machine) in groups]
+    return [(", ".join(key), groups[key]) for key in keys]
+
+
 def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
     """The same points to explore: hover for the record, choose scene, tracer and ray/triangle test."""
-    rows = [{"scene": row.scene, "tracer": row.tracer, "intersector": row.intersector or "Embree's own",
+    return chart_together([(runs, numbers)])
+
+
+def chart_together(found: list[tuple[Runs, pd.DataFrame]]) -> dict:
+    """The chart of one or several machines, each with its own numbers; several can be chosen from."""
+    rows = [row for runs, numbers in found for row in _chart_rows(runs, numbers)]
+    filters = {"scene": "scene", "tracer": "tracer", "intersector": "ray/triangle test"}
+    if len(found) > 1:
+        filters = {"machine": "machine", **filters}
+    families = list(dict.fromkeys(family_of(name) for _, numbers in found for name in numbers["intersector"]))
+    return charts.explored(rows, filters, _layers(rows, families, len(found) > 1), 420)
+
+
+def _chart_rows(runs: Runs, numbers: pd.DataFrame) -> list[dict]:
+    return [{"scene": row.scene, "tracer": row.tracer, "intersector": row.intersector or "Embree's own",
              "family": family_of(row.intersector)[1], "variant": row.variant, "x": row.minus_log10_leak_bound,
              "rate": row.total_mrays_per_s, "low": row.total_mrays_per_s_low, "high": row.total_mrays_per_s_high,
              "rate_text": charts.interval(numbers.loc[row.Index], "total_mrays_per_s"),
              "leaks": f"{row.leaks:,} of {row.aimed_rays:,} aimed rays", "t_error": charts.number(row.t_error_p99),
              "frontier": "on its tracer's frontier" if row.on_own_frontier else "beaten",
+             **({"machine": runs.machine} if runs.machine else {}),
              **charts.record_facts(runs, row.runs)} for row in numbers.itertuples()]
-    fields = {"scene": "scene", "variant": "variant", "rate_text": "million rays/s", "leaks": "leaks",
-              "t_error": "t error, 99th percentile", "frontier": "standing", **charts.RECORD_FIELDS}
+
+
+def _layers(rows: list[dict], families: list[tuple[str, str]], several: bool) -> list[dict]:
+    """Intervals and points; `families`: marker and title of those among the rows."""
+    fields = {**({"machine": "machine"} if several else {}), "scene": "scene", "variant": "variant",
+              "rate_text": "million rays/s", "leaks": "leaks", "t_error": "t error, 99th percentile",
+              "frontier": "standing", **charts.RECORD_FIELDS}
     x = {"field": "x", "type": "quantitative", "title": "−log10 of the leak rate, upper 95 % bound",
          "scale": {"zero": False, "padding": 12}}
     y = {"type": "quantitative", "scale": {"type": "log", "nice": False, "padding": 12},
          "title": "million rays per second, whole trace"}
-    families = list(dict.fromkeys(family_of(name) for name in numbers["intersector"]))
     shape = {"field": "family", "type": "nominal", "title": None, "scale": {
         "domain": [name for _, name in families], "range": [charts.SHAPES[mark] for mark, _ in families]}}
     colour = charts.by_tracer(rows)
     pale = {"condition": {"test": "datum.frontier == 'beaten'", "value": 0.4}, "value": 1}
-    layers = [
+    return [
         {"mark": {"type": "rule"}, "encoding": {"x": x, "y": {**y, "field": "low"}, "y2": {"field": "high"},
                                                 "color": colour, "opacity": pale}},
         {"mark": {"type": "point", "filled": True, "size": 70}, "encoding": {
             "x": x, "y": {**y, "field": "rate"}, "color": colour, "shape": shape, "opacity": pale,
             "tooltip": charts.tooltip(fields)}}]
-    filters = {"scene": "scene", "tracer": "tracer", "intersector": "ray/triangle test"}
-    return charts.explored(rows, filters, layers, 420)
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
-    """One panel a scene."""
-    scenes = list(dict.fromkeys(numbers["scene"]))
-    columns = 1 if narrow or len(scenes) == 1 else 2
-    lines = -(-len(scenes) // columns)
-    height = panel_height(numbers)
+    """One panel a scene; with several machines, one for each side by side, on the same axes."""
+    panels = panels_of(numbers)
+    columns = 1 if narrow or len(panels) == 1 else 2
+    lines = -(-len(panels) // columns)
+    height = max(panel_height(rows) for _, rows in panels)
     figure = style.canvas(1.2 + (height + 0.55) * lines, narrow)
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True).ravel()
-    for axis, name in zip(axes, scenes):
-        _panel(axis, numbers[numbers["scene"] == name], numbers, columns == 1 and not narrow, LINE / (72 * height))
-        axis.set_title(name, loc="left")
+    for axis, (name, rows) in zip(axes, panels):
+        beside = numbers[numbers["scene"] == rows["scene"].iloc[0]]
+        _panel(axis, rows, beside, numbers, columns == 1 and not narrow, LINE / (72 * height))
+        axis.set_title(textwrap.fill(name, 44), loc="left", fontsize=8.5 if len(name) < 30 else 7)
         axis.set_ylabel(METRICS[Y].label if narrow or columns == 1 else "million rays per second")
-    for axis in axes[len(scenes):]:
+    for axis in axes[len(panels):]:
         axis.remove()
-    for axis in axes[max(0, len(scenes) - columns) : len(scenes)]:
-        axis.set_xlabel("−log10 of the leak rate (share of aimed rays)")
+    for axis in axes[max(0, len(panels) - columns) : len(panels)]:
+        axis.set_xlabel("leak rate (share of aimed rays), fewer to the right")
         axis.tick_params(labelbottom=True)
     figure.legend(handles=legend_of(numbers), loc="outside lower center", ncols=2 if narrow else 4)
     return figure
@@ -165,12 +197,13 @@ def label_of(row) -> str:
     return textwrap.fill(f"{row.series} (default)" if row.default else row.series, 24)
 
 
-def _panel(axis, scene: pd.DataFrame, numbers: pd.DataFrame, wide: bool, line: float) -> None:
-    """`line`: height of a line of text, as a share of the panel's."""
+def _panel(axis, scene: pd.DataFrame, beside: pd.DataFrame, numbers: pd.DataFrame, wide: bool, line: float) -> None:
+    """`beside`: this scene on all machines, which share an axis; `line`: a line of text, as a share of the height."""
     worst, best = numbers["minus_log10_leak_bound"].min(), numbers["minus_log10_leak_bound"].max()
-    low, high = scene["total_mrays_per_s_low"].min() / 1.1, scene["total_mrays_per_s_high"].max() * 1.2
+    low, high = beside["total_mrays_per_s_low"].min() / 1.1, beside["total_mrays_per_s_high"].max() * 1.2
+    ticks = range(math.ceil(max(0, worst - 0.3)), math.floor(best) + 1)
     axis.set(yscale="log", xlim=(max(0, worst - 0.3), best + (best - worst) * (0.4 if wide else 0.65)),
-             ylim=(low, high), xticks=range(math.ceil(max(0, worst - 0.3)), math.floor(best) + 1))
+             ylim=(low, high), xticks=ticks, xticklabels=["1" if tick == 0 else f"1e−{tick}" for tick in ticks])
     style.log_axis(axis.yaxis, low, high)
     axis.grid()
     _line(axis, scene[scene["on_frontier"]], style.RULE, 4.5)

@@ -38,6 +38,7 @@ TRACER_MARKERS = {"deferred": "o", "streamed": "P", "forward": "s", "work-optima
 INTERSECTOR_COLOURS = {"ray-space": BLUE, "moller-trumbore": ORANGE}
 INTERSECTOR_MARKERS = {"ray-space": "o", "moller-trumbore": "s"}
 INTERSECTOR_TITLES = {"ray-space": "ray space", "moller-trumbore": "Möller–Trumbore"}
+MACHINE_LOOKS = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."), (RED, "v", ":"))
 SPARE = ((PINK, "P"), (SKY, "X"), (GREEN, "^"), (GREY, "v"))
 STAGE_COLOURS = {"traverse": SKY, "arrange": ORANGE, "intersect": BLUE, "compact": GREEN, "other": GREY}
 
@@ -160,6 +161,11 @@ def of_intersector(name: str | None, number: int = 0) -> tuple[str, str]:
 def of_tracer(name: str) -> tuple[str, str]:
     """Colour and marker of a tracer."""
     return TRACER_COLOURS.get(name, PINK), TRACER_MARKERS.get(name, "P")
+
+
+def of_machine(number: int) -> tuple[str, str]:
+    """Colour and marker of a report's machine, counted from 0."""
+    return MACHINE_LOOKS[number % len(MACHINE_LOOKS)][:2]
 
 
 def intersector_title(name: str | None) -> str:

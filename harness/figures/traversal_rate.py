@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import textwrap
 
-import numpy as np
 import pandas as pd
 
-from harness.figures import style
+from harness.figures import TOGETHER, style
 from harness.figures.runs import Runs, main_workload, rays_note
 
 ORDER = 30
@@ -15,6 +14,7 @@ SECTION = "Figure 1 of the paper"
 TITLE = "Diffuse traversal"
 NEEDS = "diffuse runs of the deferred tracer with default options"
 PAPER = "paper"
+MACHINES = TOGETHER
 
 
 def select(runs: Runs) -> pd.DataFrame:
@@ -64,52 +64,62 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     return text
 
 
+def together(numbers: pd.DataFrame) -> pd.DataFrame:
+    """The numbers of all machines; the paper's rates stand there once, and are of none of them."""
+    paper = numbers["series"] == PAPER
+    numbers = numbers.assign(machine=numbers["machine"].mask(paper, ""))
+    return numbers[~paper | ~numbers.duplicated(["scene", "series"])].reset_index(drop=True)
+
+
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
-    """Horizontal bars, a group a scene, the number at each bar's end."""
-    series = _series(numbers, textwrap.fill(runs.device, 30 if narrow else 60))
+    """A dot with its interval and number for each scene and series, scenes one below another."""
+    series = _series(numbers, runs.device, 30 if narrow else 75)
     scenes = list(dict.fromkeys(numbers["scene"]))
-    figure = style.canvas(0.75 + 0.2 * len(series) * len(scenes) + 0.14 * len(scenes), narrow)
+    figure = style.canvas(0.7 + 0.19 * len(series) * len(scenes) + 0.16 * len(series), narrow)
     axis = figure.subplots()
     value = numbers["traversal_mrays_per_s"]
-    low = 10 ** np.floor(np.log10(value.min() / 1.5))
-    for number, (mask, label, look) in enumerate(series):
-        rows = numbers[mask]
-        places = [scenes.index(name) + (number - (len(series) - 1) / 2) * 0.8 / len(series)
-                  for name in rows["scene"]]
-        _bars(axis, rows, places, 0.72 / len(series), low, label, look)
-    high = value.max() * (4.5 if narrow else 2.2)
-    axis.set(xscale="log", xlim=(low, high), ylim=(len(scenes) - 0.45, -0.55),
+    low, high = value.min() / 1.6, value.max() * (3.2 if narrow else 1.9)
+    axis.set(xscale="log", xlim=(low, high), ylim=(len(scenes) - 0.5, -0.5),
              xlabel="diffuse traversal (million rays per second)", yticks=range(len(scenes)),
              yticklabels=[name.replace(" (stand-in)", "\n(stand-in)") for name in scenes])
+    for number in range(0, len(scenes), 2):
+        axis.axhspan(number - 0.5, number + 0.5, color=style.BAND, zorder=0, linewidth=0)
+    for number, (mask, label, look) in enumerate(series):
+        shift = (number - (len(series) - 1) / 2) * 0.84 / len(series)
+        rows = numbers[mask]
+        _dots(axis, rows, [scenes.index(name) + shift for name in rows["scene"]], label, look)
     style.log_axis(axis.xaxis, low, high, sparse=True)
     axis.tick_params(axis="y", length=0)
     axis.grid(axis="x")
+    axis.spines["left"].set_visible(False)
     figure.legend(loc="outside lower center", ncols=1)
     return figure
 
 
-def _series(numbers: pd.DataFrame, device: str) -> list[tuple]:
-    """Which rows, under what name, with what look; only series that have rows."""
-    ours = {"facecolor": style.BLUE, "edgecolor": style.BLUE}
-    finer = {"facecolor": style.SKY, "edgecolor": style.SKY}
-    paper = {"facecolor": style.PAGE, "edgecolor": style.PINK, "hatch": "////"}
+def _series(numbers: pd.DataFrame, device: str, width: int) -> list[tuple]:
+    """Which rows, under what name, with what look; only series that have rows, a machine after another."""
     mine, per_cell = numbers["series"] == "ours", numbers["grid"].str.endswith("per-cell")
-    found = [(mine & ~per_cell, device, ours),
-             (mine & per_cell, f"{device}, 128 cells an axis in each top cell", finer),
-             (numbers["series"] == PAPER, "paper (its GPU)", paper)]
+    here = numbers["machine"] if "machine" in numbers else pd.Series(device, index=numbers.index)
+    found = []
+    for number, machine in enumerate(dict.fromkeys(here[mine])):
+        colour, marker = style.of_machine(number)
+        own, look = mine & (here == machine), {"color": colour, "marker": marker}
+        found += [(own & ~per_cell, textwrap.fill(machine, width), look),
+                  (own & per_cell, textwrap.fill(f"{machine}, 128 cells an axis in each top cell", width),
+                   look | {"markerfacecolor": style.PAGE})]
+    found.append((numbers["series"] == PAPER, "the paper, on its own GPU",
+                  {"color": style.PINK, "marker": "D", "markerfacecolor": style.PAGE}))
     return [one for one in found if one[0].any()]
 
 
-def _bars(axis, rows: pd.DataFrame, places: list[float], height: float, low: float, label: str,
-          look: dict) -> None:
-    value = rows["traversal_mrays_per_s"]
-    axis.barh(places, value - low, left=low, height=height, label=label, linewidth=0.8, **look)
+def _dots(axis, rows: pd.DataFrame, places: list[float], label: str, look: dict) -> None:
+    value, published = rows["traversal_mrays_per_s"], (rows["series"] == PAPER).all()
     ends = value
-    if label != "paper (its GPU)":
+    if not published:
         axis.errorbar(value, places, xerr=style.errors(rows, "traversal_mrays_per_s"), fmt="none",
-                      ecolor=style.INK, elinewidth=0.9)
+                      ecolor=look["color"], elinewidth=1.2, capsize=0)
         ends = rows["traversal_mrays_per_s_high"].fillna(value)
-    text = style.short_number if label == "paper (its GPU)" else style.three_digits
+    axis.plot(value, places, linestyle="none", markersize=5, label=label, zorder=3, **look)
+    text = style.short_number if published else style.three_digits
     for place, end, number in zip(places, ends, value, strict=True):
-        axis.annotate(text(number), (end, place), (4, 0), textcoords="offset points",
-                      va="center", fontsize=7.5)
+        axis.annotate(text(number), (end, place), (6, 0), textcoords="offset points", va="center", fontsize=7)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import matplotlib.image
 import pandas as pd
 
-from harness.figures import style
+from harness.figures import SHARED, style
 from harness.figures.runs import STAND_IN, Runs
 
 ORDER = 12
 SECTION = "Scenes"
 TITLE = "Real scenes and their stand-ins"
 NEEDS = "runs on real scenes, and the pictures that 'defray views' renders of them and of their stand-ins"
+MACHINES = SHARED
 FILES = ("views/*.png",)
 HEADINGS = ("real", "stand-in")
 

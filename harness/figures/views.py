@@ -8,13 +8,14 @@ import matplotlib.image
 import pandas as pd
 from matplotlib.patches import Rectangle
 
-from harness.figures import style
+from harness.figures import SHARED, style
 from harness.figures.runs import Runs, rung_of
 
 ORDER = 10
 SECTION = "Figure 1 of the paper"
 TITLE = "Views"
 NEEDS = "any run, and the pictures in views/"
+MACHINES = SHARED
 FILES = ("views/*.png",)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.coherence import Coherence, predicted_ratios
+from harness.figures import SHARED
 from harness.figures.kernels import grid_name, place_of
 from harness.figures.runs import Runs
 from harness.stats import ratio
@@ -13,6 +14,7 @@ ORDER = 91
 SECTION = "Correctness and work"
 TITLE = "Coherence of rays in vectors"
 NEEDS = "rows of 'defray coherence'"
+MACHINES = SHARED
 
 
 def select(runs: Runs) -> pd.DataFrame:
@@ -71,7 +73,7 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
             "lines: if loads of triangles did.")
     measured = measured_ratios(runs)
     if measured:
-        text += (" On this device, forward tests take one lane and deferred ones all: tests of the one over trips of "
-                 f"the other against the work-optimal intersection's time over the deferred one's: "
-                 f"{'; '.join(measured)}.")
+        text += (f" On {runs.machine or 'this device'}, forward tests take one lane and deferred ones all: tests of "
+                 "the one over trips of the other against the work-optimal intersection's time over the deferred "
+                 f"one's: {'; '.join(measured)}.")
     return text

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pandas as pd
 
+from harness.figures import SHARED
 from harness.figures.runs import Runs
 
 ORDER = 65
 SECTION = "End to end"
 TITLE = "Published elsewhere: other hardware and rays"
 NEEDS = "nothing: these are others' numbers"
+MACHINES = SHARED
 FILES = ("harness/paper/published.toml",)
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pandas as pd
 
+from harness.figures import SHARED
 from harness.figures.runs import Runs
 
 ORDER = 100
 SECTION = "Machine, software, provenance"
 TITLE = "Scenes"
 NEEDS = "any run"
+MACHINES = SHARED
 
 
 def select(runs: Runs) -> pd.DataFrame:
