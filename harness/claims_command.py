@@ -15,20 +15,23 @@ def claims(
     json: JsonOption = False,
 ) -> None:
     """Judge the paper's claims by a sweep's records: reproduced, shape only, contradicted, inconclusive, or not
-    attempted and why. The rules stand in harness/paper/claims.toml."""
+    attempted and why, on each machine of the folder. The rules stand in harness/paper/claims.toml."""
     import json as json_module
 
     from harness.claims import claims_table, judge_all
     from harness.claims.judge import as_document
-    from harness.report import read_runs
+    from harness.report import read_machines
     from harness.show import print_table
 
-    runs = read_runs(folder)
-    judged = judge_all(runs)
+    machines = read_machines(folder)
+    judged = [judge_all(runs) for runs in machines]
     if json:
-        typer.echo(json_module.dumps(as_document(judged, runs), allow_nan=False, ensure_ascii=False))
-    else:
-        print_table(claims_table(judged, runs.device))
+        documents = [as_document(one, runs) for one, runs in zip(judged, machines, strict=True)]
+        typer.echo(json_module.dumps(documents[0] if len(documents) == 1 else documents, allow_nan=False,
+                                     ensure_ascii=False))
+        return
+    for one, runs in zip(judged, machines, strict=True):
+        print_table(claims_table(one, runs.machine or runs.device))
 
 
 def register(app: typer.Typer) -> None:

@@ -37,7 +37,7 @@ def document(content: dict, folder: Path) -> dict:
         "paper": {key: content["paper"][key] for key in ("title", "authors")},
         "summaries": content["summaries"], "notices": content["notices"], "methods": list(content["methods"]),
         "failures": [{key: failure[key] for key in ("what", "kind", "reason")} for failure in content["failures"]],
-        "claims": [_claims(one) for one in content["claims"]],
+        "claims": _claims(content["claims"]),
         "sections": [{"title": title, "blocks": [_block(block, folder) for block in blocks]}
                      for title, blocks in content["sections"].items()],
         "machines": [{"title": one["title"], "facts": one["facts"], "provenance": one["provenance"]}
@@ -45,10 +45,17 @@ def document(content: dict, folder: Path) -> dict:
     }
 
 
-def _claims(one: dict) -> dict:
+def _claims(claims: list[dict]) -> dict:
+    """Counts of each machine, and a row a claim: with one machine its verdict and numbers, else those of each."""
     from harness.claims.show import claims_rows, counts_text
 
-    return {"machine": one["machine"], "counts": counts_text(one["judged"]), "rows": claims_rows(one["judged"])}
+    rows = [claims_rows(one["judged"]) for one in claims]
+    several = len(claims) > 1
+    header = ["claim", *(one["machine"] for one in claims)] if several else ["verdict", "claim", "measured"]
+    cells = [[same[0]["claim"], *(f"{one['verdict']}: {one['measured']}" for one in same)] if several
+             else [same[0][name] for name in header] for same in zip(*rows, strict=True)]
+    counts = [f"{one['machine']}: " * several + counts_text(one["judged"]) for one in claims]
+    return {"counts": "; ".join(counts), "header": header, "rows": cells}
 
 
 def _block(block: dict, folder: Path) -> dict:

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from harness.accuracy_rows import accuracy_file, latest_rows, precision_file
 from harness.errors import DefrayError, known
@@ -160,9 +161,9 @@ def page_content(machines: list[Runs], blocks: list[dict]) -> dict:
     sections: dict[str, list[dict]] = {}
     for block in blocks:
         sections.setdefault(block["section"], []).append(block)
-    first = machines[0]
+    first, claims = machines[0], claims_of(machines)
     return {
-        "paper": first.published["paper"], "sections": sections, "claims": claims_of(machines),
+        "paper": first.published["paper"], "sections": sections, "claims": claims, "claims_html": verdicts(claims),
         "summaries": [summary(runs) for runs in machines],
         "failures": [failure for runs in machines for failure in failures(runs)],
         "notices": list(dict.fromkeys(notice for runs in machines for notice in notices(runs))),
@@ -177,14 +178,23 @@ def claims_of(machines: list[Runs]) -> list[dict]:
     """The verdicts on the paper's claims, a machine at a time, and `claims.json`; none where nothing judges them."""
     if importlib.util.find_spec("harness.claims") is None:
         return []
-    from harness.claims import claims_html, judge_all, write_claims
+    from harness.claims import judge_all, write_claims
 
     found = []
     for runs in machines:
         judged = judge_all(runs)
         write_claims(judged, runs, runs.folder / f"claims{runs.suffix}.json")
-        found.append({"machine": runs.machine, "html": claims_html(judged), "judged": judged})
+        found.append({"machine": runs.machine, "judged": judged})
     return found
+
+
+def verdicts(claims: list[dict]) -> Markup:
+    """The verdicts of all machines side by side, as part of the page; nothing where nothing judges them."""
+    if not claims:
+        return Markup()
+    from harness.claims import claims_html
+
+    return claims_html([(one["machine"], one["judged"]) for one in claims])
 
 
 def render(content: dict) -> str:

@@ -45,9 +45,10 @@ def test_a_merged_folder_shows_each_machine_with_its_own_numbers(two):
     assert set(second.all["device"]) == {"another device"} and "64 cores" in second.machine
     assert (first.home / "env.json").read_text() == (mine / "env.json").read_text()
     assert (second.home / "env.json").read_text() == (yours / "env.json").read_text()
-    files = redraw(ours, "traversal_rate")
+    files = redraw(ours, "stages")
     assert len(files) == 2
     assert all(path.is_file() for path in files)
+    assert "another device" in files[1].read_text()  # beside the id
     origins = [json.loads(path.with_suffix(".json").read_text()) for path in files]
     assert [origin["machine"]["cpu"] for origin in origins] == ["Test CPU", "Other CPU"]
     assert origins[0]["id"] != origins[1]["id"]

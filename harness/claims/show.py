@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from harness.claims.judge import VERDICTS, Judged
 from harness.claims.outcome import Finding
@@ -52,40 +52,69 @@ def claims_table(judged: Sequence[Judged], device: str = ""):
     return table
 
 
-def claims_html(judged: Sequence[Judged]) -> Markup:
-    """The table as a fragment of the report's page, details folded into each row; it carries its own few styles."""
-    rows = Markup("\n").join(_row(one) for one in judged)
-    counts = escape(counts_text(judged))
+def claims_html(found: Sequence[tuple[str, Sequence[Judged]]]) -> Markup:
+    """The table as a fragment of the report's page, details folded into each row; it carries its own few styles.
+
+    `found`: the verdicts of each machine with its name; several machines stand side by side, a column each.
+    """
+    several = len(found) > 1
+    name = Markup("<strong>{}</strong>: {}" if several else "{1}")
+    counts = Markup("; ").join(name.format(machine, counts_text(judged)) for machine, judged in found)
+    heads = [f"verdict on {machine}" for machine, _ in found] if several else ["verdict", "claim", "measured"]
+    heads = ["claim", *heads] if several else heads
+    rows = Markup("\n").join(_row(ones, [machine for machine, _ in found])
+                             for ones in zip(*(judged for _, judged in found), strict=True))
     return Markup(_STYLE) + Markup(
         '<section class="claims">\n<h2>The paper’s claims</h2>\n<p>{}. Each rule stands in '
         "<code>harness/paper/claims.toml</code>; a verdict says so where its rule was not yet committed as it is "
         "when the runs were made. Orderings, ratios and trends are judged; the paper’s absolute rates are context. A "
         "95 % interval across a threshold is inconclusive.</p>\n"
-        '<div class="scroll"><table>\n<thead><tr><th scope="col">verdict</th><th scope="col">claim</th>'
-        '<th scope="col">measured</th></tr></thead>\n<tbody>\n{}\n</tbody></table></div>\n</section>\n'
-    ).format(counts, rows)
+        '<div class="scroll"><table>\n<thead><tr>{}</tr></thead>\n<tbody>\n{}\n</tbody></table></div>\n</section>\n'
+    ).format(counts, Markup("").join(Markup('<th scope="col">{}</th>').format(head) for head in heads), rows)
 
 
-def _row(one: Judged) -> Markup:
+def _row(ones: Sequence[Judged], machines: Sequence[str]) -> Markup:
+    """One claim: verdict, claim, numbers; or the claim and then the verdict and numbers of each machine."""
+    claim = Markup('<td class="long">{}</td>').format(_claim(ones[0]))
+    if len(ones) == 1:
+        cells = Markup('<td class="verdict-{}">{}</td>{}<td class="long">{}</td>').format(
+            _kind(ones[0]), _verdict(ones[0]), claim, _numbers(ones[0]))
+    else:
+        cell = Markup('<td class="long verdict-{}"><span class="on">{}</span>{}<br>{}</td>')
+        cells = claim + Markup("").join(cell.format(_kind(one), machine, _verdict(one), _numbers(one))
+                                        for machine, one in zip(machines, ones, strict=True))
+    return Markup("<tr>{}</tr>").format(cells)
+
+
+def _kind(one: Judged) -> str:
+    return one.verdict.replace(" ", "-")
+
+
+def _verdict(one: Judged) -> Markup:
+    return Markup('<span class="verdict">{}&nbsp;{}</span>').format(MARKS[one.verdict], one.verdict)
+
+
+def _claim(one: Judged) -> Markup:
+    """The claim, with the paper's words and the rule folded away."""
     claim = one.claim
-    kind = one.verdict.replace(" ", "-")
-    findings = Markup("").join(Markup("<li>{}</li>").format(finding_text(finding))
-                               for outcome in one.outcomes for finding in outcome.findings)
     needed = [f"Needed: {outcome.threshold}." + (f" Shape: {outcome.shape_threshold}." if outcome.shape_threshold
                                                  else "") for outcome in one.outcomes]
     return Markup(
-        '<tr class="verdict-{kind}"><td><span class="verdict">{mark}&nbsp;{verdict}</span></td>'
-        '<td class="long">{title}<details><summary>the paper’s words, and the rule</summary>'
-        "<blockquote>{words}<br><cite>{place}</cite></blockquote><p>{reading}</p><p>{needed}</p></details></td>"
-        '<td class="long">{measured}<br><span class="needed">needed: {short}</span>'
+        "{title}<details><summary>the paper’s words, and the rule</summary>"
+        "<blockquote>{words}<br><cite>{place}</cite></blockquote><p>{reading}</p><p>{needed}</p></details>"
+    ).format(title=claim.title, words=claim.words, place=claim.place, reading=claim.reading, needed=" ".join(needed))
+
+
+def _numbers(one: Judged) -> Markup:
+    """What was measured and what was needed, with every number and its records folded away."""
+    findings = Markup("").join(Markup("<li>{}</li>").format(finding_text(finding))
+                               for outcome in one.outcomes for finding in outcome.findings)
+    return Markup(
+        '{measured}<br><span class="needed">needed: {short}</span>'
         "<details><summary>numbers</summary><ul>{findings}</ul>"
         "<p>Records: <code>{records}</code></p><p><code>{command}</code>, about {minutes:g} minutes</p></details>"
-        "</td>"
-        "</tr>"
-    ).format(kind=kind, mark=MARKS[one.verdict], verdict=one.verdict, title=claim.title,
-             short=one.needed, words=claim.words, place=claim.place, reading=claim.reading, needed=" ".join(needed),
-             measured=measured_text(one), findings=findings, records=" ".join(one.records) or "none",
-             command=claim.command, minutes=claim.minutes)
+    ).format(measured=measured_text(one), short=one.needed, findings=findings,
+             records=" ".join(one.records) or "none", command=one.claim.command, minutes=one.claim.minutes)
 
 
 def finding_text(finding: Finding) -> str:
@@ -113,9 +142,12 @@ _STYLE = """<style>
 .claims details p, .claims details ul { margin: .3rem 0; overflow-wrap: anywhere; white-space: normal; }
 .claims details ul { padding-left: 1.1rem; }
 .claims details { font-size: inherit; }
-.claims .needed { color: var(--muted); }
+.claims .needed, .claims .on { color: var(--muted); }
+.claims .on { display: none; }
+.claims th { white-space: normal; }
 @media (max-width: 40rem) {
   .claims thead { display: none; }
+  .claims .on { display: block; }
   .claims tr, .claims td, .claims td.long { display: block; min-width: 0; border: 0; white-space: normal; }
   .claims tr { border-bottom: 1px solid var(--rule); padding: .3rem 0; }
 }
