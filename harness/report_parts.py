@@ -13,6 +13,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from harness.figures import APART, TOGETHER, chart, style
+from harness.figures.inline import inline_svg
 from harness.figures.runs import Runs
 from harness.provenance import ids_of, sidecar
 from harness.report_tables import page_table
@@ -83,8 +84,8 @@ def draw_part(found: list[tuple[Runs, pd.DataFrame]], entry, numbers: pd.DataFra
     wide, narrow = (style.settle(module.draw(runs, numbers, on_phone)) for on_phone in (False, True))
     mark = f"{entry.name} {identity}" + (f", {title}" if title else "")
     drawn = style.save(wide, runs.folder / "figures" / stem, mark)[0].read_text(encoding="utf-8")
-    part = {"wide": Markup(style.inline_svg(drawn, f"{stem}-wide")),
-            "narrow": Markup(style.inline_svg(style.svg_text(narrow, mark), f"{stem}-narrow")),
+    part = {"wide": Markup(inline_svg(drawn, f"{stem}-wide")),
+            "narrow": Markup(inline_svg(style.svg_text(narrow, mark), f"{stem}-narrow")),
             "file": runs.folder / "figures" / f"{stem}.svg"}
     if hasattr(module, "chart"):
         drawing = module.chart(runs, numbers) if len(found) == 1 else module.chart_together(found)

@@ -6,9 +6,7 @@ In the report each colour becomes a CSS variable, so that a figure follows the p
 
 from __future__ import annotations
 
-import base64
 import io
-import re
 from collections.abc import Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +17,6 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
-from PIL import Image
 
 WIDE, NARROW = 7.2, 3.9  # inches: two columns of a page, and a telephone
 FORMATS = ("svg", "pdf", "png")
@@ -124,31 +121,6 @@ def marked(figure: Figure, mark: str):
         yield Bbox.from_extents(0, -STRIP, width, height)
     finally:
         text.remove()
-
-
-def inline_svg(text: str, name: str) -> str:
-    """SVG to set into a page: no prolog, ids prefixed by `name`, colours as CSS variables."""
-    text = text[text.index("<svg"):]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = re.sub(r'href="#', f'href="#{name}-', text)
-    text = re.sub(r"url\(#", f"url(#{name}-", text)
-    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
-    text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
-    for colour, token in TOKENS.items():
-        text = text.replace(colour, f"var(--{token})")
-    text = re.sub(r'(?<=data:image/)png;base64,([^"]+)', lambda found: _lighter(found[1]), text)
-    # Two decimals of a point are less than a pixel, and half of the page's weight.
-    text = re.sub(r'(?<= )(d|x|y)="[^"]+"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), text)
-    return re.sub(r"\n\s*", "\n", text).strip()
-
-
-def _lighter(png: str) -> str:
-    """A picture, base64 of a PNG, as the end of a data URI that weighs less: WebP."""
-    with Image.open(io.BytesIO(base64.b64decode(png))) as picture:
-        buffer = io.BytesIO()
-        picture.convert("RGB").save(buffer, format="webp", quality=80, method=6)
-    return f"webp;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 def of_intersector(name: str | None, number: int = 0) -> tuple[str, str]:
