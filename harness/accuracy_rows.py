@@ -15,16 +15,8 @@ from pydantic import Field, ValidationError, model_validator
 from harness.digest import check_schema
 from harness.errors import DefrayError
 from harness.machines import key_of
-from harness.record import (
-    Agreement,
-    Part,
-    Provenance,
-    Rate,
-    RayFacts,
-    RecordFile,
-    RelativeError,
-    first_problem,
-)
+from harness.record import RecordFile, first_problem
+from harness.record_schema import Agreement, Part, Provenance, Rate, RayFacts, RelativeError
 
 SCHEMA = 2  # 1 had no digests; `defray migrate` brings it here
 FILE = "accuracy.jsonl"

@@ -8,7 +8,8 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from harness.accuracy_rows import checked_row
-from harness.record import GridFacts, Part, Provenance, RayFacts, RecordFile
+from harness.record import RecordFile
+from harness.record_schema import GridFacts, Part, Provenance, RayFacts
 
 SCHEMA = 2
 FILE = "coherence.jsonl"

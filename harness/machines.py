@@ -41,14 +41,16 @@ def title_of(key: tuple) -> str:
 
 
 def by_machine(rows: list[dict]) -> dict[tuple, list[dict]]:
-    """Rows of each machine, that with most first; those without a device join a machine of their processor."""
+    """Rows of each machine, that with most first; those without a device join every machine of their processor."""
     found: dict[tuple, list[dict]] = {}
     for row in rows:
         found.setdefault(key_of(row["machine"]), []).append(row)
     for key in [key for key in found if key[3] is None]:
         same = [other for other in found if other[3] is not None and other[:2] == key[:2]]
         if same:
-            found[same[0]] += found.pop(key)
+            rows_of_processor = found.pop(key)
+            for other in same:
+                found[other] = found[other] + rows_of_processor
     return dict(sorted(found.items(), key=lambda item: (-len(item[1]), item[0][3] is None, str(item[0]))))
 
 

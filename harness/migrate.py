@@ -15,7 +15,8 @@ from harness.accuracy_rows import PRECISION_FILE, accuracy_row, precision_row
 from harness.accuracy_rows import SCHEMA as ROW_SCHEMA
 from harness.digest import place_of, sealed, unsealed
 from harness.errors import DefrayError
-from harness.record import SCHEMA, now_utc, validated
+from harness.record import now_utc, validated
+from harness.record_schema import SCHEMA
 from harness.stability import report as stability
 
 FROM = 1

@@ -74,9 +74,14 @@ def records_behind(runs: Runs, index: dict, ids: list[str]) -> list[dict]:
         rows = index.get(identity, [])
         if not rows:
             raise DefrayError(f"a figure names record {identity}, which is in no file of {runs.folder}")
-        here = [row for row in rows if row["machine"] == machine] or rows
+        here = [row for row in rows if of_machine(row["machine"], machine)] or rows
         found += [{key: row[key] for key in ("id", "file", KEY, "commit")} for row in here[-1:]]
     return found
+
+
+def of_machine(key: tuple, machine: tuple) -> bool:
+    """Whether a row was measured on this machine: on its device, or, without any device, on its processor."""
+    return key == machine or (key[3] is None and key[:2] == machine[:2])
 
 
 def index_of(folder: Path) -> dict[str, list[dict]]:

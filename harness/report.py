@@ -137,7 +137,7 @@ def read_machines(folder: Path) -> list[Runs]:
         here = [[row for row in kind if key_of(row["machine"]) == key] for kind in (accuracy, precision)]
         found.append(Runs(rows, folder, device, read_published(), *here, tests, rates,
                           machine=title_of(key) if several else "", suffix=f"--{name_of(key)}" if several else "",
-                          own=own))
+                          own=own, key=key if several else None))
     return found
 
 

@@ -16,7 +16,7 @@ from harness.data import AUTO, GridSpec, Scene, differing
 from harness.errors import DefrayError
 from harness.grid import build_grid
 from harness.plan import expand, make_grid, parse_grid
-from harness.record import GridFacts
+from harness.record_schema import GridFacts
 from harness.sampling import Work, counted_work, padding, sample_rays, wave_ends
 from harness.spec import check_grid
 from harness.tracers._base import Setting

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from test_report import make_folder, one_record
+from made_up_report import make_folder, one_record
 
 from harness.break_even import Cost, rays_to_break_even
 from harness.errors import DefrayError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from test_report import RAYS, deferred, one_record
+from made_up_report import RAYS, deferred, one_record
 
 from harness.figures import arrangements, ray_count
 from harness.figures.runs import Runs, read_published

@@ -7,7 +7,7 @@ import json
 
 import pytest
 from made_up_accuracy import write_accuracy
-from test_report import deferred, make_folder, one_record, scene_records
+from made_up_report import deferred, make_folder, one_record, scene_records
 
 from harness.digest import sealed
 from harness.errors import DefrayError

@@ -12,7 +12,7 @@ import shutil
 import subprocess
 
 import pytest
-from test_report import drawn, without_scripts  # noqa: F401  (a fixture)
+from made_up_report import drawn, without_scripts  # noqa: F401  (a fixture)
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 pytestmark = [pytest.mark.slow,

@@ -62,7 +62,7 @@ def _panel(axis, rows: pd.DataFrame, narrow: bool) -> None:
                       edgecolor=style.PAGE, linewidth=0.6)
             if row.ns / longest * room > INSIDE * len(row.kernel):
                 axis.text(left + row.ns / 2, place, f"{row.kernel}\n{row.ns:,.0f}", ha="center", va="center",
-                          fontsize=6, color=style.INK if row.stage != "intersect" else style.PAGE, linespacing=0.95)
+                          fontsize=6, color=style.PRINT if row.stage != "intersect" else style.PAGE, linespacing=0.95)
             left += row.ns
         axis.annotate(style.three_digits(left), (left, place), (3, 0), textcoords="offset points", va="center",
                       fontsize=7)

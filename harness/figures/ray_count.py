@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pandas as pd
 
-from harness.errors import DefrayError
 from harness.figures import style
+from harness.figures.powers import power_text, with_power
 from harness.figures.runs import Runs
 from harness.figures.size_ladder import LOOKS, SPARE
-from harness.stats import exponent, interval
+from harness.stats import interval
 
 ORDER = 47
 SECTION = "Number of rays"
@@ -53,15 +53,8 @@ def _numbers(run: pd.Series) -> dict:
 
 def _fitted(numbers: pd.DataFrame) -> pd.DataFrame:
     """`numbers` with the power of rays that each tracer's time goes as, over all rays and over MANY or more."""
-    for tracer, rows in numbers.groupby("tracer", sort=False):
-        for name, some in (("exponent", rows), ("exponent_many", rows[rows["rays"] >= MANY])):
-            try:
-                fit = exponent(some["rays"], some["seconds"], list(some["scene"]))
-            except DefrayError:  # a single number is left
-                continue
-            for end, value in (("", fit.median), ("_low", fit.low), ("_high", fit.high)):
-                numbers.loc[numbers["tracer"] == tracer, f"{name}{end}"] = value
-    return numbers
+    numbers = with_power(numbers, "tracer", "rays", "seconds", "exponent")
+    return with_power(numbers, "tracer", "rays", "seconds", "exponent_many", least=MANY)
 
 
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:
@@ -80,15 +73,10 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
 def _sentence(tracer: str, row: pd.Series) -> str:
     if pd.isna(row.get("exponent")):
         return ""
-    text = f" The time of {TITLES[tracer]} goes as the power {_power(row, 'exponent')} of the number of rays"
+    text = f" The time of {TITLES[tracer]} goes as the power {power_text(row, 'exponent')} of the number of rays"
     if not pd.isna(row.get("exponent_many")):
-        text += f", from a million on {_power(row, 'exponent_many')}"
+        text += f", from a million on {power_text(row, 'exponent_many')}"
     return text + "."
-
-
-def _power(row: pd.Series, column: str) -> str:
-    """A power with its interval, `0.93 (0.90 to 0.97)`."""
-    return f"{row[column]:.2f} ({row[f'{column}_low']:.2f} to {row[f'{column}_high']:.2f})".replace("-", "−")
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
@@ -104,7 +92,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     for line, tracer in enumerate(tracer for tracer in TRACERS if tracer in set(numbers["tracer"])):
         row = numbers[numbers["tracer"] == tracer].iloc[0]
         if not pd.isna(row.get("exponent")):
-            axes[0].text(0.02, 1.09 - 0.06 * line, f"{TITLES[tracer]}: power {_power(row, 'exponent')}",
+            axes[0].text(0.02, 1.09 - 0.06 * line, f"{TITLES[tracer]}: power {power_text(row, 'exponent')}",
                          transform=axes[0].transAxes, fontsize=7.5, color=style.MUTED)
     for axis in axes[-1:] if narrow else axes:
         axis.set_xlabel("rays")

@@ -96,14 +96,14 @@ def _map(axis, scene: pd.DataFrame, column: str, label: str, colour: str) -> Non
     table = uniform.pivot_table(index="first_level", columns="second_level", values=column)
     values = table.to_numpy()
     low, high = np.nanmin(values), np.nanmax(values)
-    shade = LinearSegmentedColormap.from_list("shade", [style.PAGE, colour])
+    shade = LinearSegmentedColormap.from_list("shade", [style.PAPER, style.kept(colour)])
     norm = LogNorm(low / 1.6, max(high, low * 1.05))
     axis.pcolormesh(values, cmap=shade, norm=norm, edgecolors=style.PAGE, linewidth=0.8)
     for (row, place), value in np.ndenumerate(values):
         if np.isfinite(value):
-            dark = norm(value) > 0.62 and colour == style.BLUE
+            dark = norm(value) > 0.75 and colour == style.BLUE
             axis.text(place + 0.5, row + 0.5, style.three_digits(value), ha="center", va="center", fontsize=6.5,
-                      color=style.PAGE if dark else style.INK)
+                      color=style.PAPER if dark else style.PRINT)
     tops, leaves = list(table.index), list(table.columns)
     axis.set(xticks=np.arange(len(leaves)) + 0.5, yticks=np.arange(len(tops)) + 0.5, xlim=(0, len(leaves)),
              ylim=(0, len(tops)), xticklabels=[f"{leaf}" for leaf in leaves], yticklabels=[f"{top}" for top in tops])

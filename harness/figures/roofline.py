@@ -102,7 +102,7 @@ def _ceilings(axis, ceilings: dict[str, float], low: float, high: float, bottom:
         axis.plot([start, fma / slope], [start * slope, fma], line, color=colour, lw=1.2)
         # High on the line, where no kernel is: beside the steeper one on its left, the other on its right.
         at = start * (fma / slope / start) ** (0.65 if side == "right" else 0.78)
-        offset, vertical = ((-3, -2), "bottom") if side == "right" else ((4, 2), "top")
+        offset, vertical = ((-6, 0), "bottom") if side == "right" else ((4, 2), "top")
         axis.annotate(f"{words}\n{style.three_digits(slope)} GB/s", (at, at * slope), offset, fontsize=6.5, ha=side,
                       va=vertical, textcoords="offset points", linespacing=0.95)
 

@@ -46,6 +46,7 @@ class Runs:
     machine: str = ""  # its title, where the folder holds several
     suffix: str = ""  # of the names of its files, likewise
     own: Path | None = None  # where the machine's own files are, if not in `folder`
+    key: tuple | None = None  # what tells it from the others, where the folder holds several
 
     @cached_property
     def home(self) -> Path:
@@ -106,9 +107,10 @@ class Runs:
 
     @cached_property
     def roofline(self) -> list[dict]:
-        """The latest valid rows of the folder's roofline.jsonl on the report's device."""
+        """The latest valid rows of the folder's roofline.jsonl on the report's device and machine."""
         rows = latest(roofline_file(self.folder).read())
-        return [row for row in rows if row["valid"] and (row["machine"].get("device") or "") == self.device]
+        return [row for row in rows if row["valid"] and (row["machine"].get("device") or "") == self.device
+                and (self.key is None or key_of(row["machine"]) == self.key)]
 
     @cached_property
     def coherence(self) -> list[dict]:

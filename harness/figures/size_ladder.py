@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pandas as pd
 
-from harness.errors import DefrayError
 from harness.figures import style
+from harness.figures.powers import power_text, with_power
 from harness.figures.runs import Runs, best, rung_of, speedup
-from harness.stats import exponent
 
 ORDER = 45
 SECTION = "Size of the scene"
@@ -56,16 +55,9 @@ def _numbers(rung: pd.DataFrame) -> dict | None:
 
 
 def _fitted(numbers: pd.DataFrame) -> pd.DataFrame:
-    """`numbers` with the exponent of each panel's value over the scenes of one kind, and its 95 % interval."""
-    numbers = numbers.copy()
+    """`numbers` with the power of triangles that each panel's value goes as, of either kind of scene."""
     for column, _ in PANELS:
-        for kind, rows in numbers.dropna(subset=[column]).groupby("kind", sort=False):
-            try:
-                fit = exponent(rows["triangles"], rows[column], list(rows["scene"]))
-            except DefrayError:  # a single size is left
-                continue
-            for end, value in (("", fit.median), ("_low", fit.low), ("_high", fit.high)):
-                numbers.loc[numbers["kind"] == kind, f"{column}_exponent{end}"] = value
+        numbers = with_power(numbers, "kind", "triangles", column, f"{column}_exponent")
     return numbers
 
 
@@ -75,8 +67,8 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
             "for stand-ins cut into 4 times as many; view, rays and grid stay the same. Filled and solid: real "
             "geometry; hollow and dashed: stand-ins. Bars are 95 % intervals; both axes are logarithmic.")
     for column, name in (("rate_mrays_per_s", "the rate"), ("speedup", "the speed-up")):
-        parts = [f"{_power(row, column)} for {'stand-ins' if kind == STAND_IN else kind}"
-                 for kind, row in _exponents(numbers, column)]
+        parts = [f"{power} for {'stand-ins' if kind == STAND_IN else kind}"
+                 for kind, power in _powers(numbers, column)]
         if parts:
             text += f" Over triangles, {name} goes as the power {' and '.join(parts)}"
             text += ", fitted with a factor for each scene, with Student's 95 % intervals over the rungs."
@@ -84,17 +76,12 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     return f"{text} Grid {', '.join(grids)}. Rays: {', '.join(f'{count:,}' for count in rays)}."
 
 
-def _exponents(numbers: pd.DataFrame, column: str) -> list[tuple[str, pd.Series]]:
-    """The row that holds the exponent of each kind that has one."""
-    if f"{column}_exponent" not in numbers:
+def _powers(numbers: pd.DataFrame, column: str) -> list[tuple[str, str]]:
+    """Each kind that has a power, and the power with its interval as text."""
+    name = f"{column}_exponent"
+    if name not in numbers:
         return []
-    return [(kind, rows.iloc[0]) for kind, rows in numbers.dropna(subset=[f"{column}_exponent"]).groupby("kind")]
-
-
-def _power(row: pd.Series, column: str) -> str:
-    """An exponent with its interval, `−0.41 (−0.52 to −0.31)`."""
-    low, high = (f"{row[f'{column}_exponent_{end}']:.2f}" for end in ("low", "high"))
-    return f"{row[f'{column}_exponent']:.2f} ({low} to {high})".replace("-", "−")
+    return [(kind, power_text(rows.iloc[0], name)) for kind, rows in numbers.dropna(subset=[name]).groupby("kind")]
 
 
 def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
@@ -138,7 +125,7 @@ def _axis(axis, numbers: pd.DataFrame, column: str, label: str) -> None:
     if column == "speedup":
         axis.axhline(1, color=style.INK, linewidth=0.9)
     style.log_axis(axis.xaxis, small, large)
-    for line, (kind, row) in enumerate(_exponents(numbers, column)):
-        axis.text(0.02, 1.09 - 0.06 * line, f"{kind}: power {_power(row, column)}", transform=axis.transAxes,
-                  fontsize=7.5, color=style.MUTED)
+    for line, (kind, power) in enumerate(_powers(numbers, column)):
+        axis.text(0.02, 1.09 - 0.06 * line, f"{kind}: power {power}", transform=axis.transAxes, fontsize=7.5,
+                  color=style.MUTED)
     axis.grid(axis="y")

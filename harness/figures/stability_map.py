@@ -21,7 +21,8 @@ FILES = ("stability.json",)
 ALL_LOST = 0.999  # share of a family's rays lost from which on a cell is grey
 OTHER_FAULTS = ("double_hits", "nonfinite", "self_hits", "tunnels")
 LIMITS = {"rate": (-6.0, 0.0), "ulp": (0.0, 6.0)}  # decades over which a cell turns from pale to full colour
-RAMP = LinearSegmentedColormap.from_list("severity", [style.PAGE, "#fbe3c4", style.ORANGE, style.RED])
+RAMP = LinearSegmentedColormap.from_list(
+    "severity", [style.PAPER, "#fbe3c4", style.kept(style.ORANGE), style.kept(style.RED)])
 
 
 def select(runs: Runs) -> pd.DataFrame:
@@ -78,12 +79,11 @@ def _map(axis, numbers: pd.DataFrame, methods: list[tuple], families: list[str])
     places = {method: place for place, method in enumerate(methods)}
     for row in numbers.itertuples():
         place = (families.index(row.family), places[row.intersector, row.contraction])
-        colour = style.GREY if row.all_lost else RAMP(row.severity)
+        colour = style.kept(style.GREY) if row.all_lost else RAMP(row.severity)
         axis.fill_between([place[0] - 0.5, place[0] + 0.5], place[1] - 0.5, place[1] + 0.5, color=colour,
                           linewidth=0, zorder=1)
-        dark = row.all_lost or row.severity > 0.85
-        colour = style.MUTED if row.passed else style.PAGE if dark else style.INK
-        axis.text(*place, _mark(row), ha="center", va="center", fontsize=5.5, zorder=3, color=colour)
+        axis.text(*place, _mark(row), ha="center", va="center", fontsize=5.5, zorder=3,
+                  color=style.FAINT if row.passed else style.PRINT)
     axis.set(xlim=(-0.5, len(families) - 0.5), ylim=(len(methods) - 0.5, -0.5), xticks=range(len(families)),
              xticklabels=families, yticks=range(len(methods)), yticklabels=[_title(*one) for one in methods])
     axis.tick_params(length=0, labelsize=6.5)

@@ -70,7 +70,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
 
 def _height(name: str) -> float:
     """Room for a row, in rows of one line."""
-    return 1.0 if "\n" not in name else 1.6
+    return 1.0 + 0.62 * name.count("\n")
 
 
 def _panel(axis, scene: pd.DataFrame, names: list[str], narrow: bool) -> None:
@@ -94,8 +94,10 @@ def _panel(axis, scene: pd.DataFrame, names: list[str], narrow: bool) -> None:
 
 
 def _row_name(row, usual: str, narrow: bool) -> str:
-    name = row.variant
-    if narrow and name.count(":") > 1:
-        tracer, intersector, options = name.split(":", 2)
-        name = f"{tracer}:{intersector}\n{options}"
-    return name if row.grid == usual else f"{name}\n{row.grid}"
+    """The variant, broken before an option where it is wider than its column, and its grid where it is another."""
+    lines = [""]
+    for part in row.variant.replace(":", " :").split():
+        if lines[-1] and len(lines[-1]) + len(part) > (24 if narrow else 36):
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(lines if row.grid == usual else [*lines, f"grid {row.grid}"])

@@ -28,6 +28,9 @@ BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY = (
 TOKENS = {INK: "ink", MUTED: "muted", RULE: "rule", BAND: "band", PAGE: "page", BLUE: "blue",
           ORANGE: "orange", GREEN: "green", RED: "red", PINK: "pink", SKY: "sky", GREY: "grey"}
 
+# On a cell or bar whose colour a dark page keeps, words keep theirs too: none of these is a variable of the page.
+PAPER, PRINT, FAINT = "#ffffff", "#111214", "#6b7077"
+
 TRACER_COLOURS = {"deferred": BLUE, "streamed": PINK, "forward": RED, "work-optimal": ORANGE, "embree": GREEN,
                   "brute": GREY}
 TRACER_MARKERS = {"deferred": "o", "streamed": "P", "forward": "s", "work-optimal": "D", "embree": "^",
@@ -133,6 +136,11 @@ def of_intersector(name: str | None, number: int = 0) -> tuple[str, str]:
 def of_tracer(name: str) -> tuple[str, str]:
     """Colour and marker of a tracer."""
     return TRACER_COLOURS.get(name, PINK), TRACER_MARKERS.get(name, "P")
+
+
+def kept(colour: str) -> str:
+    """A colour that a dark page does not replace, and that nobody can tell from this one."""
+    return f"#{int(colour[1:], 16) ^ 1:06x}"
 
 
 def of_machine(number: int) -> tuple[str, str]:
