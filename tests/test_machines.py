@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 
+import pandas as pd
 import pytest
 from made_up_accuracy import write_accuracy
 from made_up_report import deferred, make_folder, one_record, scene_records
+from typer.testing import CliRunner
 
+from harness.claims import claims_html, judge_all
+from harness.cli import app
 from harness.digest import sealed
 from harness.errors import DefrayError
 from harness.machines import merge
-from harness.report import read_machines, redraw
+from harness.report import contents, read_machines, redraw
+from harness.report_parts import caption_of
 
 OTHER = {"cpu": "Other CPU", "cores": 64, "device": "another device", "platform": "Another platform"}
 
@@ -112,3 +118,103 @@ def test_a_real_scene_and_its_stand_in_are_both_shown(tmp_path):
 def test_one_row_sealed_twice_is_one_digest():
     record = deferred("sponza")
     assert sealed(record)["digest"] == sealed(sealed(record))["digest"]
+
+
+@pytest.mark.parametrize("name", ["traversal_rate", "intersection_speedup", "speed_accuracy"])
+def test_main_figures_show_both_machines_in_one(two, name):
+    mine, yours, ours = two
+    write_accuracy(mine, ("sponza",))
+    rows = [json.loads(line) for line in (mine / "accuracy.jsonl").read_text().splitlines()]
+    bare = [{key: value for key, value in row.items() if key != "digest"} for row in rows]
+    moved = [sealed(row | {"machine": row["machine"] | OTHER}) for row in bare]
+    (yours / "accuracy.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in moved))
+    merge([mine, yours], ours)
+    (file,) = redraw(ours, name)
+    titles = [runs.machine for runs in read_machines(ours)]
+    drawn = " ".join(re.findall(r"<!-- (.*?) -->", file.read_text()))  # a line of words is a comment
+    assert all(" ".join(title.split()[:2]) in drawn for title in titles)
+    numbers = pd.read_csv(ours / "tables" / f"{name}.csv", keep_default_na=False)
+    assert set(titles) == set(numbers["machine"]) - {""}
+    origin = json.loads(file.with_suffix(".json").read_text())
+    assert [machine["cpu"] for machine in origin["machines"]] == ["Test CPU", "Other CPU"]
+    assert {one["digest"] for one in origin["records"]} & {row["digest"] for row in rows_of(mine)}
+    assert {one["digest"] for one in origin["records"]} & {row["digest"] for row in rows_of(yours)}
+
+
+def rows_of(folder) -> list[dict]:
+    """Records and rows of accuracy of a folder."""
+    return [json.loads(line) for name in ("records.jsonl", "accuracy.jsonl")
+            for line in (folder / name).read_text().splitlines()]
+
+
+def test_the_papers_rates_stand_once_beside_two_machines(two):
+    mine, yours, ours = two
+    merge([mine, yours], ours)
+    redraw(ours, "traversal_rate")
+    numbers = pd.read_csv(ours / "tables" / "traversal_rate.csv", keep_default_na=False)
+    paper = numbers[numbers["series"] == "paper"]
+    assert list(paper["machine"]) == [""] and (numbers["series"] == "ours").sum() == 3
+
+
+def test_every_other_figure_and_table_names_its_machine(two):
+    mine, yours, ours = two
+    merge([mine, yours], ours)
+    seen = 0
+    for entry in contents():
+        for runs in read_machines(ours):
+            numbers = entry.module.select(runs)
+            if len(numbers) and not hasattr(entry.module, "MACHINES"):
+                assert runs.machine in caption_of(runs, entry.module, numbers, runs.machine), entry.name
+                seen += 1
+    assert seen > 8
+
+
+def test_what_is_the_same_on_every_machine_is_shown_once(two):
+    mine, yours, ours = two
+    merge([mine, yours], ours)
+    (file,) = redraw(ours, "scenes")
+    assert file.read_text().count("Sponza") == 1
+
+
+def test_claims_of_two_machines_stand_side_by_side(two):
+    mine, yours, ours = two
+    merge([mine, yours], ours)
+    found = [(runs.machine, judge_all(runs)) for runs in read_machines(ours)]
+    page = claims_html(found)
+    assert page.count("<tr>") == 1 + len(found[0][1])
+    assert page.count('class="verdict"') == 2 * len(found[0][1])
+    assert all(f"<th scope=\"col\">verdict on {machine}</th>" in page for machine, _ in found)
+    done = CliRunner().invoke(app, ["claims", str(ours)])
+    assert done.exit_code == 0 and all(machine.split(",")[0] in done.output for machine, _ in found)
+
+
+def test_runs_without_a_device_belong_to_every_device_of_their_processor(tmp_path):
+    records = scene_records("sponza")
+    for record in records:
+        if record["tracer"] == "embree":
+            record["machine"]["device"] = record["machine"]["platform"] = None
+    other = copy.deepcopy([record for record in records if record["tracer"] != "embree"])
+    for record in other:
+        record["machine"] |= {"device": "second device", "platform": "Second platform"}
+    make_folder(tmp_path, records + other)
+    first, second = read_machines(tmp_path)
+    assert all((runs.valid["tracer"] == "embree").sum() == 2 for runs in (first, second))
+
+
+def test_a_run_without_a_device_is_traced_to_its_own_machine(two):
+    mine, yours, ours = two
+    records = scene_records("sponza")
+    embree = [record for record in records if record["tracer"] == "embree"]
+    for record in embree:
+        record["machine"]["device"] = record["machine"]["platform"] = None
+    theirs = elsewhere(records)
+    for record in theirs:
+        if record["tracer"] == "embree":
+            record["machine"]["device"] = record["machine"]["platform"] = None
+    make_folder(mine, records)
+    make_folder(yours, theirs)
+    merge([mine, yours], ours)
+    files = redraw(ours, "end_to_end")
+    digests = [{one["digest"] for one in json.loads(file.with_suffix(".json").read_text())["records"]}
+               for file in files]
+    assert len(digests) == 2 and not digests[0] & digests[1]

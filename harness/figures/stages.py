@@ -70,7 +70,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
 
 def _height(name: str) -> float:
     """Room for a row, in rows of one line."""
-    return 1.0 + 0.62 * name.count("\n")
+    return 1.0 + 0.72 * name.count("\n")
 
 
 def _panel(axis, scene: pd.DataFrame, names: list[str], narrow: bool) -> None:
