@@ -16,6 +16,7 @@ from harness.claims import claims_html, judge_all
 from harness.cli import app
 from harness.digest import sealed
 from harness.errors import DefrayError
+from harness.figures import view_pairs
 from harness.machines import merge
 from harness.report import contents, read_machines, redraw
 from harness.report_parts import caption_of
@@ -218,3 +219,8 @@ def test_a_run_without_a_device_is_traced_to_its_own_machine(two):
     digests = [{one["digest"] for one in json.loads(file.with_suffix(".json").read_text())["records"]}
                for file in files]
     assert len(digests) == 2 and not digests[0] & digests[1]
+
+
+def test_a_folder_of_stand_ins_alone_has_no_pairs_of_views(tmp_path):
+    make_folder(tmp_path, scene_records("hairball"), ["hairball"])
+    assert view_pairs.select(read_machines(tmp_path)[0]).empty

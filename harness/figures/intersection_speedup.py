@@ -101,9 +101,10 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     axis.axhline(1, color=style.INK, linewidth=0.9)
     axis.axhline(claim["value"], color=style.PINK, linewidth=1.1, linestyle=(0, (5, 2)))
     curves = [_curve(axis, own, style.MACHINE_LOOKS[place % 4][2]) for place, (_, own) in enumerate(machines)]
+    width = float(np.log(2.56 * numbers["triangles"].max() / numbers["triangles"].min()))
     for place, (machine, own) in enumerate(machines):
         for number, (keys, series) in enumerate(own.groupby(["intersector", "baseline"], sort=False)):
-            _series(axis, series, *keys, number, (place, len(machines)) if machine else None)
+            _series(axis, series, *keys, number, (place, len(machines)) if machine else None, width)
     _limits(axis, numbers, claim["value"])
     _notes(axis, claim["text"])
     _scene_names(axis, numbers, narrow)
@@ -132,14 +133,17 @@ def _curve(axis, numbers: pd.DataFrame, line: str) -> bool:
 
 
 def _series(axis, series: pd.DataFrame, intersector: str, baseline: str, number: int,
-            place: tuple[int, int] | None) -> None:
-    """One intersector over one baseline; `place`: which machine of how many, where there are several."""
+            place: tuple[int, int] | None, width: float) -> None:
+    """One intersector over one baseline; `place`: which machine of how many, where there are several.
+
+    `width`: of the axis of sizes, as a natural logarithm, so that marks beside one another keep their distance.
+    """
     colour, marker = style.of_intersector(intersector, number)
     hollow = baseline == STRONGEST
     shift = {"ray-space": 0.985, "moller-trumbore": 1.015}.get(intersector, 1.0)
     if place:
         marker = style.of_machine(place[0])[1]
-        shift *= 1.07 ** (place[0] - (place[1] - 1) / 2)
+        shift = (shift * 1.07 ** (place[0] - (place[1] - 1) / 2)) ** (width / 4.4)
     axis.errorbar(series["triangles"] * shift, series["speedup"], yerr=style.errors(series, "speedup"),
                   fmt=marker, color=colour, markerfacecolor=style.PAGE if hollow else colour,
                   label=_series_title(intersector, hollow), markersize=5.5, elinewidth=1, zorder=3 if hollow else 4)

@@ -78,7 +78,8 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     figure = style.canvas(0.7 + 0.19 * len(series) * len(scenes) + 0.16 * len(series), narrow)
     axis = figure.subplots()
     value = numbers["traversal_mrays_per_s"]
-    low, high = value.min() / 1.6, value.max() * (3.2 if narrow else 1.9)
+    ends = numbers["traversal_mrays_per_s_low"].min() / 1.15  # an interval may leave the picture, if it is a long one
+    low, high = max(value.min() / 4, min(value.min() / 1.6, ends)), value.max() * (3.2 if narrow else 1.9)
     axis.set(xscale="log", xlim=(low, high), ylim=(len(scenes) - 0.5, -0.5),
              xlabel="diffuse traversal (million rays per second)", yticks=range(len(scenes)),
              yticklabels=[name.replace(" (stand-in)", "\n(stand-in)") for name in scenes])

@@ -21,7 +21,7 @@ def select(runs: Runs) -> pd.DataFrame:
     """Each real scene of which both pictures exist."""
     scenes = runs.scenes[runs.scenes["source"] == "real"]
     both = [runs.view_file(name).is_file() and _stand_in_file(runs, name).is_file() for name in scenes["scene"]]
-    scenes = scenes[both]
+    scenes = scenes[pd.Series(both, index=scenes.index, dtype=bool)]  # a list without entries would choose columns
     return pd.DataFrame({"scene": scenes["title"], "name": scenes["scene"], "triangles": scenes["triangles"]})
 
 
