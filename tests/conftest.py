@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 import pytest
+from made_up_report import drawn  # noqa: F401  (a fixture)
 
 from harness.device import Probe, default_order, open_device, probe_all
 

@@ -12,7 +12,7 @@ import shutil
 import subprocess
 
 import pytest
-from made_up_report import drawn, without_scripts  # noqa: F401  (a fixture)
+from made_up_report import without_scripts
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 pytestmark = [pytest.mark.slow,
@@ -85,7 +85,7 @@ def browse(page: str, folder, *options: str) -> dict:
 
 
 @pytest.fixture(scope="module")
-def seen(drawn, tmp_path_factory):  # noqa: F811
+def seen(drawn, tmp_path_factory):
     return browse((drawn / "report.html").read_text(), tmp_path_factory.mktemp("browser"))
 
 
@@ -116,20 +116,20 @@ def test_points_name_their_record(seen):
         assert re.search(r"record: [0-9a-f]{16}", chart["label"]), chart["label"]
 
 
-def test_a_fault_of_a_script_and_a_dead_link_are_seen(drawn, tmp_path):  # noqa: F811
+def test_a_fault_of_a_script_and_a_dead_link_are_seen(drawn, tmp_path):
     page = (drawn / "report.html").read_text().replace("</main>", '<a href="#nowhere">x</a></main>')
     found = browse(page.replace("vegaEmbed(place", "vegaEmbedded(place"), tmp_path)
     assert found["errors"] and found["dead"] == ["#nowhere"]
 
 
-def test_the_page_fits_a_narrow_window_and_follows_the_dark(drawn, tmp_path):  # noqa: F811
+def test_the_page_fits_a_narrow_window_and_follows_the_dark(drawn, tmp_path):
     narrow = browse((drawn / "report.html").read_text(), tmp_path, "--window-size=500,900",
                     "--blink-settings=preferredColorScheme=0")
     assert narrow["scroll"] <= narrow["width"] <= 500
     assert narrow["ink"] == "rgb(230, 232, 235)"
 
 
-def test_without_scripts_every_figure_is_there(drawn):  # noqa: F811
+def test_without_scripts_every_figure_is_there(drawn):
     page = without_scripts((drawn / "report.html").read_text())
     assert page.count('class="explore" hidden') == 3
     assert page.count('<div class="wide">') == len(list((drawn / "figures").glob("*.svg")))

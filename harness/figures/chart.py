@@ -25,7 +25,7 @@ CONFIG = {
     "axis": {"labelColor": INK, "titleColor": INK, "gridColor": RULE, "domainColor": MUTED, "tickColor": MUTED,
              "titleFontWeight": "normal", "labelFontSize": 11, "titleFontSize": 12},
     "legend": {"labelColor": INK, "titleColor": MUTED, "orient": "bottom",
-               "columns": {"expr": "width < 420 ? 2 : 5"}, "symbolStrokeColor": MUTED,
+               "columns": {"expr": "width < 250 ? 1 : width < 420 ? 2 : 5"}, "symbolStrokeColor": MUTED,
                "titleFontWeight": "normal", "labelLimit": 220},
     "title": {"color": INK},
 }

@@ -101,7 +101,8 @@ def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
     y = {"field": "name", "type": "nominal", "title": None,
          "sort": {"field": "rate", "op": "max", "order": "descending"},
          "axis": {"labelLimit": 330, "grid": True, "labelOverlap": False}}
-    x = {"type": "quantitative", "title": "million rays per second", "axis": {"tickCount": 6},
+    x = {"type": "quantitative", "title": "million rays per second",
+         "axis": {"tickCount": 6, "titleAnchor": "end"},
          "scale": {"type": "log", "nice": False, "padding": 12}}
     colour = charts.by_tracer(rows)
     layers = [

@@ -8,7 +8,7 @@ from harness.figures import SHARED
 from harness.figures.runs import Runs
 
 ORDER = 100
-SECTION = "Machine, software, provenance"
+SECTION = "Scenes"
 TITLE = "Scenes"
 NEEDS = "any run"
 MACHINES = SHARED
