@@ -12,7 +12,7 @@ from harness.data import GridSpec
 from harness.errors import DefrayError
 from harness.grid import build_grid, upload_scene
 from harness.plan import make_grid, parse_grid
-from harness.record import GridFacts
+from harness.record_schema import GridFacts
 from harness.spec import RunSpec, Variant, check_grid
 
 
