@@ -17,7 +17,7 @@ from harness.kernel_times import OUTSIDE, KernelWatch
 from harness.measure import Group, Run, scene_facts, warm_up
 from harness.roofline_rows import SCHEMA
 from harness.spec import RunSpec
-from harness.work import RESTS, Facts, Work, walked_rays, work_of
+from harness.work import Facts, Work, rest_name, walked_rays, work_of
 
 
 def measure_roofline(
@@ -121,7 +121,7 @@ def kernel_rows(watches: Sequence[KernelWatch], facts: Facts) -> list[dict]:
         rows.append(_kernel_row(name, stage, [one.seconds for one in times], times[0].launches, facts))
     for stage in [name for name in watches[0].seconds if name != "total"] + [OUTSIDE]:
         seconds = [watch.rest(stage) for watch in watches]
-        rows.append(_kernel_row(RESTS.get(stage, f"rest of {stage}"), stage, seconds, 0, facts))
+        rows.append(_kernel_row(rest_name(stage, {name for _, name in names}), stage, seconds, 0, facts))
     return rows
 
 

@@ -7,7 +7,7 @@ table once a launch; `uncached_bytes`, every load and store as the kernel states
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 from harness.data import Counters
@@ -16,8 +16,7 @@ from harness.data import Counters
 STEP_FLOPS = {"uniform": 9, "adaptive": 39}
 AXIS_FLOPS = 12  # of a ray's three axes in leaf cells, once a ray and wave: three flops and a division each
 START_FLOPS = 4 + AXIS_FLOPS + 18 + 6  # scaling by a power of two, axes, six planes of the bounds, entry position
-# Read in a step beside the 4 bytes of the first level: a brick, or a leaf cell's number; the box of a non-empty cell.
-SECOND_BYTES, BOX_BYTES = {"uniform": 8, "adaptive": 4}, {"uniform": 0, "adaptive": 4}
+STEP_BYTES = 4 + 8  # an entry of the first level, and of the second a brick, or a leaf cell's number and box
 RAY, KEY, POSITION, EXIT, INDEX = 32, 8, 8, 4, 4  # bytes a ray
 
 
@@ -54,11 +53,6 @@ class Facts:
     def chunks(self) -> int:
         """Chunks of all waves."""
         return (self.counters.pairs + self.counters.padding) // self.lanes
-
-    @property
-    def step_bytes(self) -> int:
-        """Read in one step of all of the grid's tables."""
-        return 4 + SECOND_BYTES[self.walk] + BOX_BYTES[self.walk]
 
     def table(self, size: int, read: int) -> int:
         """The least traffic of reading `read` bytes out of a table of `size`, once a wave."""
@@ -99,17 +93,15 @@ def _plain(flops: int, moved: int, uncached: int | None = None) -> Work:
 
 
 def _tables(f: Facts) -> int:
-    """The grid's two levels and the boxes of its cells, as steps read them."""
-    steps, boxes = f.counters.steps, BOX_BYTES[f.walk]
-    levels = f.table(f.first_level, 4 * steps) + f.table(f.second_level, SECOND_BYTES[f.walk] * steps)
-    return levels + f.table(boxes * f.cells, boxes * steps)
+    """The grid's two levels, as steps read them."""
+    return f.table(f.first_level, 4 * f.counters.steps) + f.table(f.second_level, 8 * f.counters.steps)
 
 
 def _walk(f: Facts, stored: int, stored_uncached: int) -> Work:
     """A walk of all active rays: records of the rays, the grid, and what is stored of the pairs."""
     flops = f.walked * AXIS_FLOPS + f.counters.steps * STEP_FLOPS[f.walk]
     rays = f.walked * (INDEX + RAY + KEY + POSITION + EXIT)
-    return _plain(flops, rays + _tables(f) + stored, rays + f.step_bytes * f.counters.steps + stored_uncached)
+    return _plain(flops, rays + _tables(f) + stored, rays + STEP_BYTES * f.counters.steps + stored_uncached)
 
 
 def _stops(f: Facts) -> int:
@@ -146,6 +138,21 @@ def _rank_pairs(f: Facts) -> Work:
 def _lay_out_bins(f: Facts) -> Work:
     """Counts and offsets read, cursors, cells of chunks and padding written."""
     return _plain(0, 12 * f.cells * f.waves + 4 * f.chunks + f.counters.padding * f.pair_bytes)
+
+
+def _count_chunks(f: Facts) -> Work:
+    """Counts read."""
+    return _plain(0, 4 * f.cells * f.waves)
+
+
+def _lay_out_blocks(f: Facts) -> Work:
+    """As `_lay_out_bins`, the offsets written instead of read."""
+    return _lay_out_bins(f)
+
+
+def _join_blocks(f: Facts) -> Work:
+    """Unfinished rays read and written."""
+    return _plain(0, 8 * max(f.walked - f.rays, 0))
 
 
 def _scatter_pairs(f: Facts) -> Work:
@@ -201,7 +208,7 @@ def _trace_stream(f: Facts) -> Work:
     least = f.rays * (state + stop) + hits + _tables(once) + bins
     least += once.table(4 * f.cells, 8 * f.chunks) + _test_tables(once, loads)
     kept = f.walked * (INDEX + POSITION + KEY + EXIT + INDEX)
-    most = f.walked * (state + stop) + kept + hits + f.step_bytes * c.steps
+    most = f.walked * (state + stop) + kept + hits + STEP_BYTES * c.steps
     most += 6 * c.pairs + 4 * c.padding + 4 * slots + RAY * c.pairs + 8 * f.chunks + loads * (4 + f.triangle_bytes)
     executed = flops + c.lane_tests * f.test_flops
     return Work(flops + c.tests * f.test_flops, executed, least, most)
@@ -219,7 +226,7 @@ def _cells_one_by_one(f: Facts, rays: int, flops: int, tables: int, tables_uncac
 def _trace_forward(f: Facts) -> Work:
     flops = f.rays * AXIS_FLOPS + f.counters.steps * STEP_FLOPS[f.walk]
     rays = f.rays * (RAY + 2 * KEY + POSITION + 4)
-    return _cells_one_by_one(f, rays, flops, _tables(f), f.step_bytes * f.counters.steps)
+    return _cells_one_by_one(f, rays, flops, _tables(f), STEP_BYTES * f.counters.steps)
 
 
 def _intersect_visited(f: Facts) -> Work:
@@ -252,6 +259,10 @@ KERNELS: dict[str, Callable[[Facts], Work]] = {
     "record_pairs": _record_pairs,
     "rank_pairs": _rank_pairs,
     "lay_out_bins": _lay_out_bins,
+    "count_chunks": _count_chunks,
+    "lay_out_blocks": _lay_out_blocks,
+    "keep_in_blocks": _compaction,
+    "join_blocks": _join_blocks,
     "scatter_pairs": _scatter_pairs,
     "intersect_bins": _intersect_bins,
     "trace_stream": _trace_stream,
@@ -262,6 +273,15 @@ KERNELS: dict[str, Callable[[Facts], Work]] = {
     "prefix sum": _prefix_sum,
     "compaction": _compaction,
 }
-# What the time of a stage beyond its kernels is called: fills, library scans, and waiting for the host.
+# What the time of a stage beyond its kernels is called: fills, library scans, and waiting for the host. Where a stage
+# has the kernel of WITHOUT_LIBRARY, no scan is in it.
 RESTS = {"traverse": "clear bins", "arrange": "prefix sum", "compact": "compaction", "intersect": "between kernels",
          "other": "outside stages"}
+WITHOUT_LIBRARY = {"arrange": "lay_out_blocks", "compact": "keep_in_blocks"}
+
+
+def rest_name(stage: str, kernels: Collection[str]) -> str:
+    """Name of what a stage takes beyond its kernels, given the names of all kernels."""
+    if WITHOUT_LIBRARY.get(stage) in kernels:
+        return f"rest of {stage}"
+    return RESTS.get(stage, f"rest of {stage}")

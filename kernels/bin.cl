@@ -1,19 +1,60 @@
 // Binning: bins are padded to whole chunks of LANES pairs of one cell, the intersector's unit of work.
 #include "common.clh"
 
-// Writes each chunk's cell, marks the unused slots of a bin's last chunk, and sets the packing cursor.
+// Lays out a bin from its first chunk on: writes each chunk's cell, marks the unused slots of the last, and sets the
+// packing cursor. Returns the next bin's first chunk.
+inline int lay_out_bin(int cell, int count, int first, global int *chunk_cell, global Pair *pairs, global int *cursor)
+{
+    const int last = first + (count + LANES - 1) / LANES;
+    cursor[cell] = first * LANES;
+    for (int chunk = first; chunk < last; ++chunk)
+        chunk_cell[chunk] = cell;
+    for (int slot = first * LANES + count; slot < last * LANES; ++slot)
+        pairs[slot] = NO_PAIR;
+    return last;
+}
+
+// Lays out all bins, whose first chunks are known.
 kernel void lay_out_bins(const int cells, global const int *cell_count, global const int *chunk_start,
                          global int *chunk_cell, global Pair *pairs, global int *cursor)
 {
     const int cell = get_global_id(0);
     if (cell >= cells)
         return;
-    const int first = chunk_start[cell], last = chunk_start[cell + 1];
-    cursor[cell] = first * LANES;
-    for (int chunk = first; chunk < last; ++chunk)
-        chunk_cell[chunk] = cell;
-    for (int slot = first * LANES + cell_count[cell]; slot < last * LANES; ++slot)
-        pairs[slot] = NO_PAIR;
+    lay_out_bin(cell, cell_count[cell], chunk_start[cell], chunk_cell, pairs, cursor);
+}
+
+// On CPUs, where a work-item streams through a block of cells: the chunks of each block.
+kernel void count_chunks(const int cells, const int block, global const int *cell_count, global int *block_chunks)
+{
+    const size_t first = get_global_id(0) * (size_t)block;
+    if (first >= (size_t)cells)
+        return;
+    const int end = (int)min(first + block, (size_t)cells);
+    int chunks = 0;
+    for (int cell = (int)first; cell < end; ++cell)
+        chunks += (cell_count[cell] + LANES - 1) / LANES;
+    block_chunks[first / block] = chunks;
+}
+
+// ... and the first chunk of each bin and one beyond the last, with the bins laid out.
+kernel void lay_out_blocks(const int cells, const int block, global const int *cell_count,
+                           global const int *block_chunks, global int *chunk_start, global int *chunk_cell,
+                           global Pair *pairs, global int *cursor)
+{
+    const size_t first = get_global_id(0) * (size_t)block;
+    if (first >= (size_t)cells)
+        return;
+    const int end = (int)min(first + block, (size_t)cells);
+    int chunk = 0;
+    for (size_t b = 0; b < first / block; ++b)
+        chunk += block_chunks[b];
+    for (int cell = (int)first; cell < end; ++cell) {
+        chunk_start[cell] = chunk;
+        chunk = lay_out_bin(cell, cell_count[cell], chunk, chunk_cell, pairs, cursor);
+    }
+    if (end == cells)
+        chunk_start[cells] = chunk;
 }
 
 // Counts the recorded encounters of each cell; the count before is the encounter's rank in its bin.

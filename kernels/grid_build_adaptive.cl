@@ -214,7 +214,8 @@ kernel void bound_cells(const int cells, TRIANGLE_ARGUMENTS, global const int *t
     const int top = get_global_id(0);
     if (top >= cells || top_cells[top] < 0)
         return;
-    const int level = top_cells[top] & 7, first = top_cells[top] >> 3, count = 1 << 3 * level, shift = shape.w - level;
+    const int level = top_cells[top] & 7, first = top_cells[top] >> 3, count = 1 << 3 * level;
+    const int shift = shape.w - level;
     const int3 place = (int3)(top % shape.x, top / shape.x % shape.y, top / shape.x / shape.y) << level;
     const float scale = ldexp(1.0f, BOX_BITS - shift);
     for (int n = 0; n < count; ++n) {

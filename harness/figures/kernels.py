@@ -11,10 +11,11 @@ from harness.figures.runs import Runs, label_of
 TITLES = {
     "start_rays": "start", "start_rays_without_grid": "start", "count_pairs": "walk and count",
     "pack_pairs": "walk and pack", "record_pairs": "walk", "rank_pairs": "rank", "lay_out_bins": "lay out bins",
-    "scatter_pairs": "scatter", "intersect_bins": "intersect", "trace_forward": "forward",
+    "count_chunks": "count chunks", "lay_out_blocks": "lay out bins", "keep_in_blocks": "compact",
+    "join_blocks": "compact, join", "scatter_pairs": "scatter", "intersect_bins": "intersect",
+    "trace_forward": "forward",
     "trace_stream": "streamed", "intersect_visited": "work-optimal", "write_hits": "write hits",
 }
-GRID_COLUMNS = ("top", "leaf", "reading", "density")
 
 
 def grid_name(grid: dict | None) -> str:

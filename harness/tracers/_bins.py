@@ -10,6 +10,7 @@ import numpy as np
 from harness.device import Device
 from harness.runtime import cl
 from harness.tracers._base import Batch, BatchTooLarge
+from harness.tracers._compaction import BLOCKS, blocks_of
 
 if TYPE_CHECKING:
     from harness.tracers.deferred import Deferred
@@ -35,6 +36,9 @@ class Bins:
 
     def lay_out(self) -> None:
         """Prefix sum of the counts in chunks, and room for the pairs."""
+        if self.device.is_cpu:
+            self._lay_out_in_blocks()
+            return
         chunk_scan(self.device, self.lanes)(self.cell_count, self.chunk_start)
         self.chunks = int(self.chunk_start[-1].get())
         self._make_room()
@@ -43,6 +47,17 @@ class Bins:
             self.cells,
             *(self.cells, self.cell_count, self.chunk_start, self.chunk_cell, self.pairs, self.cursor),
         )
+
+    def _lay_out_in_blocks(self) -> None:
+        """The same on a CPU, whose work-items stream through blocks of cells."""
+        blocks, size = blocks_of(self.cells)
+        block_chunks = self.tracer.room("chunks of blocks", BLOCKS)
+        self.bin_program.launch("count_chunks", blocks, self.cells, size, self.cell_count, block_chunks)
+        self.chunks = int(block_chunks.get()[:blocks].sum(dtype=np.int64))
+        self._make_room()
+        inputs = self.cells, size, self.cell_count, block_chunks
+        outputs = self.chunk_start, self.chunk_cell, self.pairs, self.cursor
+        self.bin_program.launch("lay_out_blocks", blocks, *inputs, *outputs)
 
     def _make_room(self) -> None:
         slots = self.chunks * self.lanes
