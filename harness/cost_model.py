@@ -19,10 +19,12 @@ TERMS = {
     "deferred": {
         "traverse": ("active", "steps", "cell_waves"),
         "arrange": ("slots", "cell_waves"),
-        "intersect": ("slots", "lane_tests"),
+        "intersect": ("slots", "lane_tests", "far_slots", "far_tests"),
         "compact": ("active", "waves"),
         "rest": ("one", "waves"),
     },
+    # One kernel that does all at a time, so that there is only a total.
+    "streamed": {"rest": ("active", "steps", "pairs", "slots", "lane_tests", "far_tests")},
     "forward": {"rest": ("one", "steps", "pairs", "tests")},
 }
 SCALED = ("steps", "pairs", "tests", "nonempty", "references")  # what has an exponent

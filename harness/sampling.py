@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.special import gammaln
 
 from harness.data import Counters, Rays
 from harness.grid import Grid
@@ -15,6 +16,7 @@ from harness.runtime import cl
 from harness.tracers._base import Batch, DeviceTracer
 
 SAMPLE_RAYS = 2048
+EVEN = 1e-3  # spread of bins that are as good as equally likely
 SLOTS = 24  # non-empty cells of a sampled ray that are written down
 
 
@@ -23,7 +25,8 @@ class Work:
     """What one ray costs on average. The names are those of the cost model's terms.
 
     `steps`, `pairs`, `tests`, `lane_tests` as in `Counters`; `slots`: pairs and the padding of their bins; `active`:
-    waves that a ray takes part in; `waves`: waves over rays; `cell_waves`: bins to clear and to scan, over rays.
+    waves that a ray takes part in; `waves`: waves over rays; `cell_waves`: bins to clear and to scan, over rays;
+    `far`: the part of the triangles that the device's cache cannot hold.
     """
 
     steps: float
@@ -34,7 +37,18 @@ class Work:
     active: float = 0.0
     waves: float = 0.0
     cell_waves: float = 0.0
+    far: float = 0.0
     one: float = 1.0
+
+    @property
+    def far_tests(self) -> float:
+        """Lane tests of triangles that are not in the cache."""
+        return self.far * self.lane_tests
+
+    @property
+    def far_slots(self) -> float:
+        """Slots of bins whose triangles are not in the cache."""
+        return self.far * self.slots
 
 
 def counted_work(counters: Counters, rays: int, nonempty: int) -> Work:
@@ -56,11 +70,12 @@ def counted_work(counters: Counters, rays: int, nonempty: int) -> Work:
 class Sample:
     """Sampled rays in one grid.
 
-    `references`, `steps` int32[n, SLOTS]: the references in each non-empty cell of a ray, and the steps up to it;
+    `cells`, `references`, `steps` int32[n, SLOTS]: each non-empty cell of a ray, its references, the steps up to it;
     `found` int32[n] of them are filled. `needed`, `needed_steps`, `needed_tests` int32[n]: up to the hit, or to where
     the ray leaves the grid. `end_steps` int32[n]: up to the end of the walk.
     """
 
+    cells: np.ndarray
     references: np.ndarray
     steps: np.ndarray
     found: np.ndarray
@@ -78,6 +93,14 @@ class Sample:
         filled = np.arange(SLOTS) < self.found[:, None]
         sums = np.cumsum(np.where(filled, self.references, 0), axis=1)
         return np.concatenate([np.zeros((len(self), 1), np.int64), sums], axis=1)
+
+    def spread(self, cells: int) -> float:
+        """How unequally rays meet the grid's `cells` non-empty cells: the variance of a cell's chance over the square
+        of the mean, from how often two sampled rays meet one cell before they are through."""
+        met = self.cells[np.arange(SLOTS) < np.minimum(self.found, self.needed)[:, None]]
+        times = np.bincount(met).astype(np.float64) if len(met) else np.zeros(1)
+        pairs = times.sum()
+        return max(float((times * (times - 1)).sum()) * cells / max(pairs, 1.0) ** 2 - 1, EVEN)
 
     def forward_work(self) -> Work:
         """The work of rays that test cell by cell and halt at the hit."""
@@ -116,21 +139,39 @@ def wave_ends(wave: int, growth: int, longest: int) -> np.ndarray:
     return np.array(ends)
 
 
-def padding(pairs: np.ndarray, cells: float, lanes: int) -> float:
-    """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave spread over `cells`."""
-    means, unused = _unused_slots(lanes)
+def padding(pairs: np.ndarray, cells: float, lanes: int, spread: float = EVEN) -> float:
+    """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave spread over `cells`.
+
+    `spread`: the variance of the cells' chances to be met over their mean's square; chances of a gamma distribution.
+    """
+    means, unused = _unused_slots(lanes, spread)
     return float(cells * np.interp(np.log(np.maximum(pairs / cells, 1e-12)), means, unused).sum())
 
 
-@functools.cache
-def _unused_slots(lanes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithms of mean pairs in a bin, float64[m], and the unused slots expected there, by Poisson's law."""
-    means = np.linspace(math.log(1e-12), math.log(1e3), 2000)
-    held = np.arange(4 * lanes)
-    factorials = np.array([math.lgamma(count + 1.0) for count in held])
-    chance = np.exp(held * means[:, None] - np.exp(means)[:, None] - factorials)
+def unused_slots(tracer: DeviceTracer, cells: float, per_wave: np.ndarray, rays: int, spread: float) -> float:
+    """Unused slots a ray of the bins of a tracer, which has a set of them for each of its streams."""
+    sets = 1
+    if tracer.name == "streamed":
+        sets = tracer.options.streams or tracer.device.compute_units
+    return padding(per_wave * rays / sets, cells, tracer.lanes, spread) * sets / rays
+
+
+def far(tracer: DeviceTracer) -> float:
+    """The part of the triangles that the device's largest cache cannot hold."""
+    return max(0.0, 1 - tracer.device.handle.global_mem_cache_size / max(tracer.triangles.nbytes, 1))
+
+
+@functools.lru_cache(maxsize=8)
+def _unused_slots(lanes: int, spread: float) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of mean pairs in a bin, float64[m], and the unused slots expected there: Poisson's law with a mean
+    that is itself drawn from a gamma distribution is the negative binomial."""
+    means, shape = np.linspace(math.log(1e-6), math.log(1e4), 300), 1 / max(spread, EVEN)
+    held, mean = np.arange(4 * lanes), np.exp(means)[:, None]
+    ways = gammaln(held + shape) - gammaln(shape) - gammaln(held + 1.0)
+    chance = np.exp(ways - shape * np.log1p(mean / shape) + held * np.log(mean / (shape + mean)))
     rest = np.maximum(1.0 - chance.sum(axis=1), 0.0)  # of bins with more: any remainder is as likely
-    return means, chance @ (-held % lanes) + rest * (lanes - 1) / 2
+    unused = chance @ (-held % lanes) + rest * (lanes - 1) / 2
+    return np.concatenate([[-50.0], means]), np.concatenate([[0.0], unused])
 
 
 def some_of(rays: Rays, count: int = SAMPLE_RAYS) -> Rays:
@@ -143,7 +184,7 @@ def sample_rays(tracer: DeviceTracer, rays: Rays) -> Sample:
     queue, batch = tracer.device.queue, Batch(tracer.device, rays)
     tracer.start(batch)
     grid: Grid = tracer.grid
-    lists = [cl.array.empty(queue, batch.count * SLOTS, np.int32) for _ in range(2)]
+    lists = [cl.array.empty(queue, batch.count * SLOTS, np.int32) for _ in range(3)]
     numbers = [cl.array.empty(queue, batch.count, np.int32) for _ in range(5)]
     program = tracer.program("sample.cl", grid=True)
     program.launch(

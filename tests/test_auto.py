@@ -112,8 +112,8 @@ def test_fit_finds_the_coefficients_and_exponents_that_made_the_runs():
 
 
 def candidate(**fields) -> Candidate:
-    return Candidate(**{"density": 0.3, "wave": 4, "growth": 1, "batch": 1 << 20, "nanoseconds": 100.0,
-                        "bytes": 1e6, **fields})
+    return Candidate(**{"tracer": "deferred", "density": 0.3, "wave": 4, "growth": 1, "batch": 1 << 20,
+                        "nanoseconds": 100.0, "bytes": 1e6, **fields})
 
 
 def test_the_smallest_of_those_near_the_best_is_taken_and_said_so():
@@ -121,8 +121,8 @@ def test_the_smallest_of_those_near_the_best_is_taken_and_said_so():
         candidate(density=0.05, nanoseconds=106.0, bytes=1e5)
     made = [best, small, slow]
     assert pick(made) is small
-    assert "density 0.1" in explain(small, made) and "4.0% faster" in explain(small, made)
-    assert "best of 3" in explain(best, made) and "\n" not in explain(small, made)
+    assert "density 0.1" in explain(small, {"deferred": made}) and "4.0% faster" in explain(small, {"deferred": made})
+    assert "best of 3" in explain(best, {"deferred": made}) and "\n" not in explain(small, {"deferred": made})
     assert pick([best, slow]) is best
 
 
@@ -131,7 +131,7 @@ def test_options_that_are_given_are_kept():
     assert {growth for _, growth in waves({"growth": "2"})} == {2}
     assert auto.batches(10**6, {}) == [1 << 20] and auto.batches(3 * 10**6, {}) == [1 << 20, 1 << 22]
     assert auto.batches(3 * 10**6, {"batch": "4096"}) == [4096]
-    choice = auto.Choice(None, candidate(wave=8, growth=2).options, "", 0.0, 0.0)
+    choice = auto.Choice(None, {"deferred": candidate(wave=8, growth=2).options}, "", 0.0, 0.0)
     assert choice.options_for("deferred", {"wave": "3"})["wave"] == "3"
     assert "growth" not in choice.options_for("deferred", {"wave": "3"})
     assert choice.options_for("forward", {"lanes": "4"}) == {"lanes": "4"}
@@ -142,7 +142,7 @@ def test_choosing_takes_the_models_best(setting, monkeypatch):
     rays = random_rays(3000)
     for term, value, finest in (("lane_tests", 1e4, True), ("steps", 1e4, False)):
         model = MODEL.model_copy(update={"coefficients": {"rest": {term: value}}})
-        monkeypatch.setattr(auto, "cost_model", lambda *_, model=model: model)
+        monkeypatch.setattr(auto, "cost_models", lambda *_, model=model: {"deferred": model})
         choice = auto.choose(setting, rays, "deferred", TEST)
         best = min(choice.candidates, key=lambda c: c.nanoseconds)
         assert best.density == (auto.DENSITIES[-1] if finest else auto.DENSITIES[0])
@@ -161,20 +161,21 @@ def test_a_trace_on_a_chosen_grid_has_the_hits_of_any_other(device):
 def test_the_model_is_kept_on_file_and_another_state_of_the_kernels_is_another_file(device, tmp_path, monkeypatch):
     monkeypatch.setenv("DEFRAY_CACHE", str(tmp_path))
     monkeypatch.setattr(calibrate, "_calibration_scenes", lambda _: ())
-    monkeypatch.setattr(calibrate, "measured_runs", lambda *_: made_up_runs(MODEL))
-    heard = []
-    first = calibrate.cost_model(device, "deferred", TEST, heard.append)
-    assert calibrate.cost_model(device, "deferred", TEST, heard.append) == first and len(heard) == 1
+    monkeypatch.setattr(calibrate, "measured_runs", lambda *_: both)
+    heard, runs = [], made_up_runs(MODEL)
+    both = [*runs, *(dataclasses.replace(run, tracer="streamed") for run in runs)]
+    first = calibrate.cost_models(device, "deferred", TEST, heard.append)
+    assert calibrate.cost_models(device, "deferred", TEST, heard.append) == first and len(heard) == 1
     file = calibrate.model_file(device, "deferred", TEST)
     file.write_text("{torn")
-    assert calibrate.cost_model(device, "deferred", TEST, heard.append) == first and len(heard) == 2
+    assert calibrate.cost_models(device, "deferred", TEST, heard.append) == first and len(heard) == 2
     monkeypatch.setattr(calibrate, "kernels_digest", lambda: "another")
     assert calibrate.model_file(device, "deferred", TEST) != file
 
 
 @pytest.mark.slow
 def test_fitting_to_a_device_predicts_its_own_runs(device):
-    runs = calibrate.measured_runs(device, "deferred", TEST, calibrate._calibration_scenes(1 << 17))
+    runs = calibrate.measured_runs(device, ("deferred",), TEST, calibrate._calibration_scenes(1 << 17))
     model = fit("deferred", runs)
     ratios = [model.nanoseconds(run.work) * 1e-9 * run.rays / run.seconds["total"] for run in runs]
     assert np.median(np.abs(np.log(ratios))) < 0.3
