@@ -19,7 +19,7 @@ from harness.cost_model import CostModel
 from harness.data import ADAPTIVE_LEAF, GridSpec, Rays
 from harness.grid import Grid, build_grid
 from harness.intersectors import Intersector
-from harness.sampling import Sample, Work, far, sample_rays, some_of, unused_slots
+from harness.sampling import Sample, Work, far_bins, far_triangles, sample_rays, some_of, unused_slots
 from harness.tracers._base import DeviceTracer, Setting
 
 TOLERANCE = 0.05
@@ -163,12 +163,12 @@ def candidates(
             Candidate(tracer, density, 0, 0, 0, model.nanoseconds(model.scaled(work, finer)), size)
             for density, finer, size in sizes
         ]
-    made, spread, outside = [], sample.spread(trial.nonempty), far(walker)
+    made, spread, beyond = [], sample.spread(trial.nonempty), far_triangles(walker)
     for batch in batches(rays, given):
         at_once = min(rays, batch)
         for wave, growth in waves(given):
             work, per_wave = sample.deferred_work(wave, growth, at_once)
-            work = replace(work, far=outside)
+            work = replace(work, far=beyond)
             for density, finer, size in sizes:
                 whole = _with_bins(model, work, per_wave, walker, finer, at_once, spread)
                 made.append(Candidate(tracer, density, wave, growth, batch, model.nanoseconds(whole), size))
@@ -185,6 +185,7 @@ def _with_bins(
         scaled,
         slots=scaled.pairs + empty,
         lane_tests=scaled.tests * (1 + model.idle * empty / max(scaled.pairs, 1e-9)),
+        far_bins=far_bins(walker, cells),
         cell_waves=cells * len(per_wave) / rays,
         waves=len(per_wave) / rays,
     )

@@ -20,7 +20,15 @@ from harness.grid import build_grid
 from harness.intersectors import Intersector
 from harness.program import KERNELS
 from harness.rays import make_rays
-from harness.sampling import Sample, counted_work, far, sample_rays, some_of, unused_slots
+from harness.sampling import (
+    Sample,
+    counted_work,
+    far_bins,
+    far_triangles,
+    sample_rays,
+    some_of,
+    unused_slots,
+)
 from harness.stopwatch import CpuStopwatch, Stopwatch
 from harness.tracers._base import DeviceTracer, Setting
 
@@ -142,7 +150,8 @@ def _on_grid(setting: Setting, fitted: Sequence[str], intersector: Intersector, 
 def _run(tracer: DeviceTracer, sample: Sample, seconds: dict[str, float], rays: Rays) -> Run:
     """What a timed run comes to, its work counted; the waves and bins of a stream, which are not, from the sample."""
     grid, options, count = tracer.grid, tracer.options, len(rays)
-    work = replace(counted_work(tracer.count(rays), count, grid.nonempty), far=far(tracer))
+    work = counted_work(tracer.count(rays), count, grid.nonempty)
+    work = replace(work, far=far_triangles(tracer), far_bins=far_bins(tracer, grid.nonempty))
     run = Run(tracer.name, tracer.setting.scene.name, count, seconds, work, per_axis(grid), grid.nonempty,
               len(grid.references), setting=f"{tracer.name} {options}")
     if tracer.name == "forward":

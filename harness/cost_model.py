@@ -17,14 +17,14 @@ from harness.sampling import Work
 
 TERMS = {
     "deferred": {
-        "traverse": ("active", "steps", "cell_waves"),
-        "arrange": ("slots", "cell_waves"),
+        "traverse": ("active", "steps", "far_pairs", "cell_waves"),
+        "arrange": ("slots", "far_pairs", "cell_waves"),
         "intersect": ("slots", "lane_tests", "far_slots", "far_tests"),
         "compact": ("active", "waves"),
         "rest": ("one", "waves"),
     },
     # One kernel that does all at a time, so that there is only a total.
-    "streamed": {"rest": ("active", "steps", "pairs", "slots", "lane_tests", "far_tests")},
+    "streamed": {"rest": ("active", "steps", "pairs", "far_pairs", "slots", "lane_tests", "far_tests")},
     "forward": {"rest": ("one", "steps", "pairs", "tests")},
 }
 SCALED = ("steps", "pairs", "tests", "nonempty", "references")  # what has an exponent

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import gammaln
+from scipy.optimize import brentq
 
 from harness.data import Counters, Rays
 from harness.grid import Grid
@@ -16,8 +16,11 @@ from harness.runtime import cl
 from harness.tracers._base import Batch, DeviceTracer
 
 SAMPLE_RAYS = 2048
-EVEN = 1e-3  # spread of bins that are as good as equally likely
+LINE = 64  # bytes of a cache
 SLOTS = 24  # non-empty cells of a sampled ray that are written down
+WIDEST = 5.0  # spread of cells' chances
+POINTS, WEIGHTS = np.polynomial.hermite_e.hermegauss(24)  # of a mean over a normal distribution
+WEIGHTS = WEIGHTS / WEIGHTS.sum()
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Work:
 
     `steps`, `pairs`, `tests`, `lane_tests` as in `Counters`; `slots`: pairs and the padding of their bins; `active`:
     waves that a ray takes part in; `waves`: waves over rays; `cell_waves`: bins to clear and to scan, over rays;
-    `far`: the part of the triangles that the device's cache cannot hold.
+    `far`: the part of the triangles that the device's cache cannot hold; `far_bins`: that of the bins.
     """
 
     steps: float
@@ -38,12 +41,18 @@ class Work:
     waves: float = 0.0
     cell_waves: float = 0.0
     far: float = 0.0
+    far_bins: float = 0.0
     one: float = 1.0
 
     @property
     def far_tests(self) -> float:
         """Lane tests of triangles that are not in the cache."""
         return self.far * self.lane_tests
+
+    @property
+    def far_pairs(self) -> float:
+        """Pairs whose bins are not in the cache."""
+        return self.far_bins * self.pairs
 
     @property
     def far_slots(self) -> float:
@@ -95,12 +104,17 @@ class Sample:
         return np.concatenate([np.zeros((len(self), 1), np.int64), sums], axis=1)
 
     def spread(self, cells: int) -> float:
-        """How unequally rays meet the grid's `cells` non-empty cells: the variance of a cell's chance over the square
-        of the mean, from how often two sampled rays meet one cell before they are through."""
+        """How unequally rays meet the grid's `cells` non-empty cells: the standard deviation of the logarithm of a
+        cell's chance, taken to be normal, from how many cells the sampled rays meet before they are through."""
         met = self.cells[np.arange(SLOTS) < np.minimum(self.found, self.needed)[:, None]]
-        times = np.bincount(met).astype(np.float64) if len(met) else np.zeros(1)
-        pairs = times.sum()
-        return max(float((times * (times - 1)).sum()) * cells / max(pairs, 1.0) ** 2 - 1, EVEN)
+        seen, mean = len(np.unique(met)), len(met) / max(cells, 1)
+
+        def surplus(spread: float) -> float:
+            return cells * float(WEIGHTS @ -np.expm1(-mean * np.exp(spread * POINTS - spread**2 / 2))) - seen
+
+        if not seen or surplus(0.0) <= 0:
+            return 0.0
+        return brentq(surplus, 0.0, WIDEST, xtol=1e-3) if surplus(WIDEST) < 0 else WIDEST
 
     def forward_work(self) -> Work:
         """The work of rays that test cell by cell and halt at the hit."""
@@ -139,39 +153,45 @@ def wave_ends(wave: int, growth: int, longest: int) -> np.ndarray:
     return np.array(ends)
 
 
-def padding(pairs: np.ndarray, cells: float, lanes: int, spread: float = EVEN) -> float:
-    """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave spread over `cells`.
+def padding(pairs: np.ndarray, cells: float, lanes: int, spread: float = 0.0) -> float:
+    """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave over `cells` whose
+    chances have that `spread` (`Sample.spread`)."""
+    means, unused = _unused_slots(lanes)
+    found = np.log(np.maximum(pairs / max(cells, 1e-9), 1e-12))[:, None] + spread * POINTS - spread**2 / 2
+    return float(cells * (np.interp(found, means, unused) @ WEIGHTS).sum())
 
-    `spread`: the variance of the cells' chances to be met over their mean's square; chances of a gamma distribution.
-    """
-    means, unused = _unused_slots(lanes, spread)
-    return float(cells * np.interp(np.log(np.maximum(pairs / cells, 1e-12)), means, unused).sum())
+
+@functools.cache
+def _unused_slots(lanes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of mean pairs in a bin, float64[m], and the unused slots expected there, by Poisson's law."""
+    means = np.linspace(math.log(1e-12), math.log(1e3), 2000)
+    held = np.arange(4 * lanes)
+    factorials = np.array([math.lgamma(count + 1.0) for count in held])
+    chance = np.exp(held * means[:, None] - np.exp(means)[:, None] - factorials)
+    rest = np.maximum(1.0 - chance.sum(axis=1), 0.0)  # of bins with more: any remainder is as likely
+    return means, chance @ (-held % lanes) + rest * (lanes - 1) / 2
 
 
 def unused_slots(tracer: DeviceTracer, cells: float, per_wave: np.ndarray, rays: int, spread: float) -> float:
-    """Unused slots a ray of the bins of a tracer, which has a set of them for each of its streams."""
-    sets = 1
-    if tracer.name == "streamed":
-        sets = tracer.options.streams or tracer.device.compute_units
+    """Unused slots a ray in the bins of a tracer."""
+    sets = bin_sets(tracer)
     return padding(per_wave * rays / sets, cells, tracer.lanes, spread) * sets / rays
 
 
-def far(tracer: DeviceTracer) -> float:
+def bin_sets(tracer: DeviceTracer) -> int:
+    """How many sets of bins a tracer has: each stream its own."""
+    return (tracer.options.streams or tracer.device.compute_units) if tracer.name == "streamed" else 1
+
+
+def far_triangles(tracer: DeviceTracer) -> float:
     """The part of the triangles that the device's largest cache cannot hold."""
     return max(0.0, 1 - tracer.device.handle.global_mem_cache_size / max(tracer.triangles.nbytes, 1))
 
 
-@functools.lru_cache(maxsize=8)
-def _unused_slots(lanes: int, spread: float) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithms of mean pairs in a bin, float64[m], and the unused slots expected there: Poisson's law with a mean
-    that is itself drawn from a gamma distribution is the negative binomial."""
-    means, shape = np.linspace(math.log(1e-6), math.log(1e4), 300), 1 / max(spread, EVEN)
-    held, mean = np.arange(4 * lanes), np.exp(means)[:, None]
-    ways = gammaln(held + shape) - gammaln(shape) - gammaln(held + 1.0)
-    chance = np.exp(ways - shape * np.log1p(mean / shape) + held * np.log(mean / (shape + mean)))
-    rest = np.maximum(1.0 - chance.sum(axis=1), 0.0)  # of bins with more: any remainder is as likely
-    unused = chance @ (-held % lanes) + rest * (lanes - 1) / 2
-    return np.concatenate([[-50.0], means]), np.concatenate([[0.0], unused])
+def far_bins(tracer: DeviceTracer, cells: float) -> float:
+    """The part of the bins, a line of each being written, that the cache cannot hold beside all else it holds."""
+    need = LINE * cells * bin_sets(tracer)
+    return need / (need + tracer.device.handle.global_mem_cache_size)
 
 
 def some_of(rays: Rays, count: int = SAMPLE_RAYS) -> Rays:
