@@ -1,7 +1,7 @@
 """`--grid auto`: the density of an adaptive grid and a deferred tracer's wave and batch, by a cost model.
 
-A grid of the default density is built on trial and a sample of the rays walked through it; their work at every other
-setting follows, and the model says what it costs. Among settings within TOLERANCE of the best, the smallest is taken.
+A grid of half the default density is built on trial and a sample of the rays walked through it; their work at every
+other setting follows, and the model says what it costs. Among settings within TOLERANCE of the best, the smallest is taken.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from harness.tracers._base import DeviceTracer, Setting
 
 TOLERANCE = 0.05
 DENSITIES = tuple(DENSITY * 2.0**k for k in range(-3, 4))
+TRIAL = DENSITY / 2  # of the grid built on trial: in the middle of what is chosen, and so often the one
 WAVES = ((2, 1), (2, 2), (4, 1), (4, 2), (6, 1), (8, 1), (8, 2), (16, 1))  # wave and growth
 BATCHES = (1 << 20, 1 << 22)
 FEW_RAYS = 1 << 16  # of fewer, tracing takes less time than choosing could save
@@ -100,11 +101,12 @@ def choose(
     `given`: the tracer's options that are settled. `tell` hears that the model is fitted to the device, where it has
     to be. Raises DefrayError where the grid does not fit the device.
     """
-    trial = build_grid(setting.device_scene, trial_spec())
     if len(rays) < FEW_RAYS:
         why = f"density {DENSITY:g}, the default: {len(rays):,} rays are too few for choosing to pay"
-        return Choice(trial, {"deferred": {**FAST, **UNCHOSEN_WAVE}, "streamed": UNCHOSEN_WAVE}, why, 0.0, 0.0)
+        grid = build_grid(setting.device_scene, spec_of(DENSITY))
+        return Choice(grid, {"deferred": {**FAST, **UNCHOSEN_WAVE}, "streamed": UNCHOSEN_WAVE}, why, 0.0, 0.0)
     family, given = tracer if tracer in DEFERRED else "forward", given or {}
+    trial = build_grid(setting.device_scene, spec_of(TRIAL))
     models = cost_models(setting.device, family, intersector, tell)
     on_trial = replace(setting, grid=trial)
     walkers = {name: tracers.find(name)(on_trial, intersector, given if name == tracer else {}) for name in models}
@@ -118,8 +120,8 @@ def choose(
     taken = pick(made[family])
     seconds = time.perf_counter() - started
     grid, trial_seconds = trial, 0.0
-    if taken.density != DENSITY:
-        grid, trial_seconds = build_grid(setting.device_scene, spec_of(taken)), trial.build_seconds
+    if taken.density != TRIAL:
+        grid, trial_seconds = build_grid(setting.device_scene, spec_of(taken.density)), trial.build_seconds
     options = {name: pick([c for c in some if c.density == taken.density]).options for name, some in made.items()}
     return Choice(grid, {**options, family: taken.options}, explain(taken, made), seconds, trial_seconds,
                   tuple(made[family]))
@@ -141,14 +143,9 @@ def prepare_grid(
     return choice.grid, choice
 
 
-def trial_spec() -> GridSpec:
-    """The grid built on trial."""
-    return GridSpec(0, ADAPTIVE_LEAF, "adaptive", DENSITY)
-
-
-def spec_of(candidate: Candidate) -> GridSpec:
-    """A candidate's grid."""
-    return GridSpec(0, ADAPTIVE_LEAF, "adaptive", candidate.density)
+def spec_of(density: float) -> GridSpec:
+    """An adaptive grid of that density."""
+    return GridSpec(0, ADAPTIVE_LEAF, "adaptive", density)
 
 
 def candidates(
@@ -156,7 +153,7 @@ def candidates(
 ) -> list[Candidate]:
     """Every density with every wave and batch that the options given allow; `walker` walked `sample`."""
     trial, tracer = walker.grid, model.tracer
-    sizes = [(density, *_size(model, trial, density)) for density in DENSITIES]
+    sizes = [(density, *_size(model, trial, density, walker.scene.active_count)) for density in DENSITIES]
     if tracer not in DEFERRED:
         work = sample.forward_work()
         return [
@@ -191,11 +188,14 @@ def _with_bins(
     )
 
 
-def _size(model: CostModel, trial: AdaptiveGrid, density: float) -> tuple[float, float]:
-    """How many times as many leaf cells per axis a density gives as the trial grid has, and its bytes."""
+def _size(model: CostModel, trial: AdaptiveGrid, density: float, triangles: int) -> tuple[float, float]:
+    """How many times as many leaf cells per axis a density gives as the trial grid has, and its bytes.
+
+    Every triangle has one reference, however coarse the grid; what it has beyond that grows with the cells.
+    """
     level = levels_of(trial.top_counts, density, trial.shape[3])
     finer = float(((8**level).sum() / max(trial.cells, 1)) ** (1 / 3))
-    references = len(trial.references) * model.factor("references", finer)
+    references = triangles + (len(trial.references) - triangles) * model.factor("references", finer)
     nonempty = trial.nonempty * model.factor("nonempty", finer)
     return finer, trial.top_block.nbytes + 8.0 * (8.0**level).sum() + 4 * (references + nonempty)
 

@@ -153,7 +153,7 @@ def _run(tracer: DeviceTracer, sample: Sample, seconds: dict[str, float], rays: 
     work = counted_work(tracer.count(rays), count, grid.nonempty)
     work = replace(work, far=far_triangles(tracer), far_bins=far_bins(tracer, grid.nonempty))
     run = Run(tracer.name, tracer.setting.scene.name, count, seconds, work, per_axis(grid), grid.nonempty,
-              len(grid.references), setting=f"{tracer.name} {options}")
+              len(grid.references) - tracer.scene.active_count, setting=f"{tracer.name} {options}")
     if tracer.name == "forward":
         return run
     sampled, per_wave = sample.deferred_work(int(options.wave), options.growth, min(count, options.batch))

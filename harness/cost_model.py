@@ -34,7 +34,8 @@ SCALED = ("steps", "pairs", "tests", "nonempty", "references")  # what has an ex
 class Run:
     """A measured run: the seconds of its stages and in total, its work, and its grid's size.
 
-    `work`: a ray's. `per_axis`: leaf cells per axis of a top cell, the root mean cube. `predicted_padding`: what
+    `work`: a ray's. `per_axis`: leaf cells per axis of a top cell, the root mean cube. `references`: beyond the first
+    of each triangle, which any grid has. `predicted_padding`: what
     `sampling.padding` makes of the run, 0 without one.
     """
 
@@ -128,7 +129,7 @@ def _exponents(runs: Sequence[Run]) -> dict[str, float]:
         for key in {(run.scene, run.setting) for run in runs}:
             same = [run for run in runs if (run.scene, run.setting) == key]
             x = np.log([run.per_axis for run in same])
-            y = np.log([getattr(run, name, None) or getattr(run.work, name) for run in same])
+            y = np.log([max(getattr(run, name, None) or getattr(run.work, name), 1e-9) for run in same])
             x = x - x.mean()
             over, under = over + float(x @ y), under + float(x @ x)
         slopes[name] = over / under if under else 0.0

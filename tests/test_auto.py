@@ -9,7 +9,7 @@ import pytest
 from shapes import icosphere, random_rays, soup
 
 from harness import auto, calibrate, intersectors, pipeline, tracers
-from harness.adaptive import DENSITY, levels_of
+from harness.adaptive import levels_of
 from harness.auto import Candidate, explain, pick, waves
 from harness.cost_model import CostModel, Run, fit
 from harness.data import AUTO, GridSpec, Scene, differing
@@ -36,7 +36,7 @@ MODEL = CostModel(
 def setting(device):
     """A small scene with its grid."""
     made = Setting.on_device(Scene("soup", MESH), device)
-    return dataclasses.replace(made, grid=build_grid(made.device_scene, auto.trial_spec()))
+    return dataclasses.replace(made, grid=build_grid(made.device_scene, auto.spec_of(auto.TRIAL)))
 
 
 def deferred(setting, **options):
@@ -65,12 +65,12 @@ def test_forward_work_of_the_sample_is_what_the_tracer_counts(setting):
 
 
 def test_predicted_size_is_the_size_that_is_built(setting):
-    for density in (DENSITY / 4, DENSITY, DENSITY * 4):
+    for density in (auto.TRIAL / 4, auto.TRIAL, auto.TRIAL * 4):
         built = build_grid(setting.device_scene, GridSpec(0, 16, "adaptive", density))
-        finer, size = auto._size(MODEL, setting.grid, density)
+        finer, size = auto._size(MODEL, setting.grid, density, len(MESH))
         assert finer == pytest.approx(calibrate.per_axis(built) / calibrate.per_axis(setting.grid))
         assert size == pytest.approx(built.bytes, rel=0.25)
-    assert (8 ** levels_of(setting.grid.top_counts, DENSITY, 4)).sum() == setting.grid.cells
+    assert (8 ** levels_of(setting.grid.top_counts, auto.TRIAL, 4)).sum() == setting.grid.cells
 
 
 def test_waves_end_where_they_should():
