@@ -1,7 +1,7 @@
 """`--grid auto`: the density of an adaptive grid and a deferred tracer's wave and batch, by a cost model.
 
 A grid of half the default density is built on trial and a sample of the rays walked through it; their work at every
-other setting follows, and the model says what it costs. Among settings within TOLERANCE of the best, the smallest is taken.
+other setting follows, and the model says what it costs. Of those within TOLERANCE of the best the smallest is taken.
 """
 
 from __future__ import annotations
