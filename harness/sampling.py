@@ -123,19 +123,23 @@ class Sample:
     def deferred_work(self, wave: int, growth: int, rays: int) -> tuple[Work, np.ndarray]:
         """The work of rays that meet `wave` cells, then `growth` times as many, and so on, padding and bins left out,
         and the pairs of each wave, a ray."""
-        ends = wave_ends(wave, growth, self._longest(rays))
-        which = np.searchsorted(ends, self.needed)  # the wave in which a ray finishes
+        longest = self._longest(rays)
+        ends = wave_ends(wave, growth, longest + 1)
+        rows = np.arange(len(self))
+        # Out of the grid, or beyond a hit that is not in the last cell met, a ray comes by walking on from there.
+        walked_on = self.needed_steps > self.steps[rows, np.clip(self.needed - 1, 0, SLOTS - 1)]
+        which = np.searchsorted(ends, self.needed + walked_on)  # the wave in which a ray finishes
         pairs = np.maximum(np.minimum(ends[which], self.found), self.needed)
         inside = pairs <= SLOTS
         place = np.minimum(pairs, SLOTS)
-        rows = np.arange(len(self))
         left = place < ends[which]  # out of the grid before the wave was over
         steps = np.where(left, self.end_steps, self.steps[rows, np.maximum(place - 1, 0)])
         steps = np.where(inside, steps, np.maximum(self.needed_steps, self.end_steps))
         tests = np.where(inside, self.tests[rows, place], np.maximum(self.needed_tests, self.tests[rows, place]))
         starts = np.concatenate([[0], ends[:-1]])
-        per_wave = np.clip(pairs[:, None] - starts, 0, ends - starts).mean(axis=0)
-        waves = len(ends) / min(rays, 1e12)
+        filled = len(wave_ends(wave, growth, longest))  # a last wave without a pair does not count
+        per_wave = np.clip(pairs[:, None] - starts, 0, ends - starts).mean(axis=0)[:filled]
+        waves = filled / min(rays, 1e12)
         return Work(steps.mean(), pairs.mean(), tests.mean(), active=float(which.mean()) + 1, waves=waves), per_wave
 
     def _longest(self, rays: int) -> int:

@@ -27,7 +27,7 @@ MODEL = CostModel(
     tracer="deferred",
     coefficients={"traverse": {"active": 30.0, "steps": 4.0, "cell_waves": 6.0},
                   "intersect": {"slots": 14.0, "lane_tests": 0.6}, "rest": {"one": 20.0}},
-    exponents={"steps": 0.6, "pairs": 0.0, "tests": -1.5, "nonempty": 2.1, "references": 0.65},
+    exponents={"steps": 0.6, "pairs": 0.0, "tests": -1.5, "nonempty": 2.1, "references": 1.0},
     padding=0.7,
 )  # fmt: skip
 
