@@ -17,7 +17,7 @@ from harness.errors import DefrayError
 from harness.grid import build_grid
 from harness.plan import expand, make_grid, parse_grid
 from harness.record_schema import GridFacts
-from harness.sampling import Work, counted_work, padding, sample_rays, wave_ends
+from harness.sampling import SLOTS, Sample, Work, counted_work, padding, sample_rays, unused_slots, wave_ends
 from harness.spec import check_grid
 from harness.tracers._base import Setting
 
@@ -81,6 +81,18 @@ def test_padding_of_one_pair_a_bin_and_of_full_bins():
     assert padding(np.array([1.0]), 1e6, 8) == pytest.approx(7.0, rel=1e-3)
     assert padding(np.array([1e6]), 100, 8) == pytest.approx(350.0, rel=1e-3)
     assert padding(np.array([1e6]), 100, 1) == 0.0
+
+
+@pytest.mark.parametrize("spread", [0.0, 1.0, 2.0])
+def test_spread_of_chances_and_padding_are_found_from_a_sample(spread):
+    generator, cells, lanes = np.random.default_rng(7), 20_000, 8
+    chances = np.exp(spread * generator.standard_normal(cells))
+    met = generator.choice(cells, (2048, SLOTS), p=chances / chances.sum())
+    full = np.full(2048, SLOTS)
+    found = Sample(met, met, met, full, full, full, full, full).spread(cells)
+    assert found == pytest.approx(spread, abs=0.2)
+    binned = np.bincount(generator.choice(cells, 300_000, p=chances / chances.sum()), minlength=cells)
+    assert padding(np.array([300_000.0]), cells, lanes, found) == pytest.approx((-binned % lanes).sum(), rel=0.1)
 
 
 def made_up_runs(model: CostModel, seed: int = 4) -> list[Run]:
@@ -150,6 +162,28 @@ def test_choosing_takes_the_models_best(setting, monkeypatch):
         assert choice.seconds > 0 and str(choice.grid.spec.density) in choice.why
         facts = GridFacts(**choice.grid.describe(), **choice.describe()).model_dump()
         assert facts["chosen"] == choice.why and facts["density"] == choice.grid.density
+
+
+def test_a_stream_is_chosen_for_by_its_own_model_and_told_which_tracer_is_faster(setting, monkeypatch):
+    monkeypatch.setattr(auto, "FEW_RAYS", 100)
+    rays = random_rays(3000)
+    for cost, than in ((1e3, "faster"), (1e6, "slower")):
+        models = {
+            "streamed": MODEL.model_copy(update={"tracer": "streamed", "coefficients": {"rest": {"slots": 1e4}}}),
+            "deferred": MODEL.model_copy(update={"coefficients": {"rest": {"steps": cost}}}),
+        }
+        monkeypatch.setattr(auto, "cost_models", lambda *_, models=models: models)
+        choice = auto.choose(setting, rays, "streamed", TEST)
+        assert f"; deferred, with density {auto.DENSITIES[0]}" in choice.why and f"predicted {than}" in choice.why
+        assert "arrange" not in choice.options_for("streamed", {}) and "batch" in choice.options_for("streamed", {})
+        assert choice.options_for("deferred", {})["arrange"] == "record"
+
+
+def test_streams_with_bins_of_their_own_leave_more_slots_unused(setting):
+    made = [tracers.find("streamed")(setting, TEST, {"streams": str(streams), "lanes": "8"}) for streams in (1, 2)]
+    one, two = (unused_slots(tracer, 100, np.array([0.5]), 1000, 1.0) for tracer in made)
+    assert one < two < 2 * one
+
 
 
 def test_a_trace_on_a_chosen_grid_has_the_hits_of_any_other(device):
