@@ -153,38 +153,41 @@ def candidates(
 ) -> list[Candidate]:
     """Every density with every wave and batch that the options given allow; `walker` walked `sample`."""
     trial, tracer = walker.grid, model.tracer
-    sizes = [(density, *_size(model, trial, density, walker.scene.active_count)) for density in DENSITIES]
-    if tracer not in DEFERRED:
-        work = sample.forward_work()
+    sizes = [_size(model, trial, density, walker.scene.active_count) for density in DENSITIES]
+    finer, sizes = (np.array(values) for values in zip(*sizes, strict=True))
+
+    def of(work: Work, wave: int, growth: int, batch: int) -> list[Candidate]:
+        times = np.broadcast_to(model.nanoseconds(work), sizes.shape)
         return [
-            Candidate(tracer, density, 0, 0, 0, model.nanoseconds(model.scaled(work, finer)), size)
-            for density, finer, size in sizes
+            Candidate(tracer, density, wave, growth, batch, float(time), float(size))
+            for density, time, size in zip(DENSITIES, times, sizes, strict=True)
         ]
+
+    if tracer not in DEFERRED:
+        return of(model.scaled(sample.forward_work(), finer), 0, 0, 0)
     made, spread, beyond = [], sample.spread(trial.nonempty), far_triangles(walker)
     for batch in batches(rays, given):
         at_once = min(rays, batch)
         for wave, growth in waves(given):
             work, per_wave = sample.deferred_work(wave, growth, at_once)
             work = replace(work, far=beyond)
-            for density, finer, size in sizes:
-                whole = _with_bins(model, work, per_wave, walker, finer, at_once, spread)
-                made.append(Candidate(tracer, density, wave, growth, batch, model.nanoseconds(whole), size))
+            made += of(_with_bins(model, work, per_wave, walker, finer, at_once, spread), wave, growth, batch)
     return made
 
 
 def _with_bins(
-    model: CostModel, work: Work, per_wave: np.ndarray, walker: DeviceTracer, finer: float, rays: int, spread: float
+    model: CostModel, work: Work, per_wave: np.ndarray, walker: DeviceTracer, finer: np.ndarray, rays: int,
+    spread: float,
 ) -> Work:
-    """The work of a setting, its bins counted in."""
+    """The work of a setting in grids `finer` float64[n] times as fine, its bins counted in."""
     scaled, cells = model.scaled(work, finer), walker.grid.nonempty * model.factor("nonempty", finer)
     empty = model.padding * unused_slots(walker, cells, per_wave, rays, spread)
     return replace(
         scaled,
         slots=scaled.pairs + empty,
-        lane_tests=scaled.tests * (1 + model.idle * empty / max(scaled.pairs, 1e-9)),
+        lane_tests=scaled.tests * (1 + model.idle * empty / np.maximum(scaled.pairs, 1e-9)),
         far_bins=far_bins(walker, cells),
-        cell_waves=cells * len(per_wave) / rays,
-        waves=len(per_wave) / rays,
+        cell_waves=cells * work.waves,
     )
 
 
@@ -193,11 +196,12 @@ def _size(model: CostModel, trial: AdaptiveGrid, density: float, triangles: int)
 
     Every triangle has one reference, however coarse the grid; what it has beyond that grows with the cells.
     """
-    level = levels_of(trial.top_counts, density, trial.shape[3])
-    finer = float(((8**level).sum() / max(trial.cells, 1)) ** (1 / 3))
+    counts, times = trial.counted
+    cells = float(times @ 8.0 ** levels_of(counts, density, trial.shape[3]))
+    finer = (cells / max(trial.cells, 1)) ** (1 / 3)
     references = triangles + (len(trial.references) - triangles) * model.factor("references", finer)
     nonempty = trial.nonempty * model.factor("nonempty", finer)
-    return finer, trial.top_block.nbytes + 8.0 * (8.0**level).sum() + 4 * (references + nonempty)
+    return finer, trial.top_block.nbytes + 8 * cells + 4 * (references + nonempty)
 
 
 def waves(given: dict[str, str]) -> list[tuple[int, int]]:

@@ -74,20 +74,20 @@ class CostModel(BaseModel):
     padding: float = 1.0
     idle: float = 1.0
 
-    def nanoseconds(self, work: Work) -> float:
-        """Predicted time of one ray."""
+    def nanoseconds(self, work: Work):
+        """Predicted time of one ray; of each of several grids where the work's numbers are arrays."""
         return sum(
             value * getattr(work, term) for terms in self.coefficients.values() for term, value in terms.items()
         )
 
-    def scaled(self, work: Work, finer: float) -> Work:
+    def scaled(self, work: Work, finer) -> Work:
         """The work in a grid with `finer` times as many leaf cells per axis; bins are the caller's."""
         factors = {name: getattr(work, name) * finer ** self.exponents[name] for name in ("steps", "pairs", "tests")}
         return replace(work, **factors)
 
-    def factor(self, name: str, finer: float) -> float:
+    def factor(self, name: str, finer):
         """How many times as many of `name` there are with `finer` times as many leaf cells per axis."""
-        return float(finer ** self.exponents[name])
+        return finer ** self.exponents[name]
 
 
 def fit(tracer: str, runs: Sequence[Run]) -> CostModel:

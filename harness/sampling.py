@@ -18,6 +18,7 @@ from harness.tracers._base import Batch, DeviceTracer
 SAMPLE_RAYS = 2048
 LINE = 64  # bytes of a cache
 SLOTS = 24  # non-empty cells of a sampled ray that are written down
+MOST_WAVES = 32  # beyond, few rays are left
 WIDEST = 5.0  # spread of cells' chances
 POINTS, WEIGHTS = np.polynomial.hermite_e.hermegauss(24)  # of a mean over a normal distribution
 WEIGHTS = WEIGHTS / WEIGHTS.sum()
@@ -103,6 +104,7 @@ class Sample:
         sums = np.cumsum(np.where(filled, self.references, 0), axis=1)
         return np.concatenate([np.zeros((len(self), 1), np.int64), sums], axis=1)
 
+    @functools.lru_cache(maxsize=8)  # noqa: B019 - samples are few, and each model asks them the same
     def spread(self, cells: int) -> float:
         """How unequally rays meet the grid's `cells` non-empty cells: the standard deviation of the logarithm of a
         cell's chance, taken to be normal, from how many cells the sampled rays meet before they are through."""
@@ -120,9 +122,10 @@ class Sample:
         """The work of rays that test cell by cell and halt at the hit."""
         return Work(self.needed_steps.mean(), self.needed.mean(), self.needed_tests.mean())
 
+    @functools.lru_cache(maxsize=64)  # noqa: B019 - as above
     def deferred_work(self, wave: int, growth: int, rays: int) -> tuple[Work, np.ndarray]:
         """The work of rays that meet `wave` cells, then `growth` times as many, and so on, padding and bins left out,
-        and the pairs of each wave, a ray."""
+        and the pairs of each of the first MOST_WAVES waves, a ray."""
         longest = self._longest(rays)
         ends = wave_ends(wave, growth, longest + 1)
         rows = np.arange(len(self))
@@ -136,9 +139,9 @@ class Sample:
         steps = np.where(left, self.end_steps, self.steps[rows, np.maximum(place - 1, 0)])
         steps = np.where(inside, steps, np.maximum(self.needed_steps, self.end_steps))
         tests = np.where(inside, self.tests[rows, place], np.maximum(self.needed_tests, self.tests[rows, place]))
-        starts = np.concatenate([[0], ends[:-1]])
         filled = len(wave_ends(wave, growth, longest))  # a last wave without a pair does not count
-        per_wave = np.clip(pairs[:, None] - starts, 0, ends - starts).mean(axis=0)[:filled]
+        shown = ends[: min(filled, MOST_WAVES)]
+        per_wave = np.diff(np.minimum(pairs[:, None], shown).mean(axis=0), prepend=0.0)
         waves = filled / min(rays, 1e12)
         return Work(steps.mean(), pairs.mean(), tests.mean(), active=float(which.mean()) + 1, waves=waves), per_wave
 
@@ -157,18 +160,19 @@ def wave_ends(wave: int, growth: int, longest: int) -> np.ndarray:
     return np.array(ends)
 
 
-def padding(pairs: np.ndarray, cells: float, lanes: int, spread: float = 0.0) -> float:
+def padding(pairs: np.ndarray, cells: float | np.ndarray, lanes: int, spread: float = 0.0) -> float | np.ndarray:
     """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave over `cells` whose
-    chances have that `spread` (`Sample.spread`)."""
+    chances have that `spread` (`Sample.spread`); of each of several numbers of cells float64[n]."""
     means, unused = _unused_slots(lanes)
-    found = np.log(np.maximum(pairs / max(cells, 1e-9), 1e-12))[:, None] + spread * POINTS - spread**2 / 2
-    return float(cells * (np.interp(found, means, unused) @ WEIGHTS).sum())
+    cells = np.asarray(cells, np.float64)[..., None]
+    found = np.log(np.maximum(pairs / np.maximum(cells, 1e-9), 1e-12))[..., None] + spread * POINTS - spread**2 / 2
+    return (cells * (np.interp(found, means, unused) @ WEIGHTS)).sum(axis=-1)
 
 
 @functools.cache
 def _unused_slots(lanes: int) -> tuple[np.ndarray, np.ndarray]:
     """Logarithms of mean pairs in a bin, float64[m], and the unused slots expected there, by Poisson's law."""
-    means = np.linspace(math.log(1e-12), math.log(1e3), 2000)
+    means = np.linspace(math.log(1e-6), math.log(1e3), 1000)
     held = np.arange(4 * lanes)
     factorials = np.array([math.lgamma(count + 1.0) for count in held])
     chance = np.exp(held * means[:, None] - np.exp(means)[:, None] - factorials)
@@ -176,8 +180,8 @@ def _unused_slots(lanes: int) -> tuple[np.ndarray, np.ndarray]:
     return means, chance @ (-held % lanes) + rest * (lanes - 1) / 2
 
 
-def unused_slots(tracer: DeviceTracer, cells: float, per_wave: np.ndarray, rays: int, spread: float) -> float:
-    """Unused slots a ray in the bins of a tracer."""
+def unused_slots(tracer: DeviceTracer, cells, per_wave: np.ndarray, rays: int, spread: float):
+    """Unused slots a ray in the bins of a tracer, of as many numbers of cells as are given."""
     sets = bin_sets(tracer)
     return padding(per_wave * rays / sets, cells, tracer.lanes, spread) * sets / rays
 
@@ -192,7 +196,7 @@ def far_triangles(tracer: DeviceTracer) -> float:
     return max(0.0, 1 - tracer.device.handle.global_mem_cache_size / max(tracer.triangles.nbytes, 1))
 
 
-def far_bins(tracer: DeviceTracer, cells: float) -> float:
+def far_bins(tracer: DeviceTracer, cells):
     """The part of the bins, a line of each being written, that the cache cannot hold beside all else it holds."""
     need = LINE * cells * bin_sets(tracer)
     return need / (need + tracer.device.handle.global_mem_cache_size)
