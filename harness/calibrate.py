@@ -40,8 +40,8 @@ RAYS = {"deferred": 1 << 20, "streamed": 1 << 20, "forward": 1 << 16}
 REPETITIONS = 2
 FAST = {"arrange": "record", "pairs": "copy"}  # deferred options that the model is fitted with
 SETTINGS = {
-    "deferred": [{**FAST, "wave": "2"}, {**FAST, "wave": "4"}, {**FAST, "wave": "8", "growth": "2"}],
-    "streamed": [{"wave": "2"}, {"wave": "4"}, {"wave": "8", "growth": "2"}],
+    "deferred": [{**FAST, "wave": "2"}, {**FAST, "wave": "8", "growth": "2"}],
+    "streamed": [{"wave": "2"}, {"wave": "8", "growth": "2"}],
     "forward": [{}],
 }
 FORM = 3  # of the file
