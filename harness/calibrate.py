@@ -148,7 +148,7 @@ def _on_grid(setting: Setting, fitted: Sequence[str], intersector: Intersector, 
 
 
 def _run(tracer: DeviceTracer, sample: Sample, seconds: dict[str, float], rays: Rays) -> Run:
-    """What a timed run comes to, its work counted; the waves and bins of a stream, which are not, from the sample."""
+    """What a timed run comes to, its work counted, and its padding predicted."""
     grid, options, count = tracer.grid, tracer.options, len(rays)
     work = counted_work(tracer.count(rays), count, grid.nonempty)
     work = replace(work, far=far_triangles(tracer), far_bins=far_bins(tracer, grid.nonempty))
@@ -156,8 +156,6 @@ def _run(tracer: DeviceTracer, sample: Sample, seconds: dict[str, float], rays: 
               len(grid.references) - tracer.scene.active_count, setting=f"{tracer.name} {options}")
     if tracer.name == "forward":
         return run
-    sampled, per_wave = sample.deferred_work(int(options.wave), options.growth, min(count, options.batch))
+    _, per_wave = sample.deferred_work(int(options.wave), options.growth, min(count, options.batch))
     empty = unused_slots(tracer, grid.nonempty, per_wave, count, sample.spread(grid.nonempty))
-    if tracer.name == "streamed":
-        run = replace(run, work=replace(work, active=sampled.active, slots=work.pairs + empty))
     return replace(run, predicted_padding=empty)
