@@ -139,7 +139,7 @@ class Sample:
         steps = np.where(left, self.end_steps, self.steps[rows, np.maximum(place - 1, 0)])
         steps = np.where(inside, steps, np.maximum(self.needed_steps, self.end_steps))
         tests = np.where(inside, self.tests[rows, place], np.maximum(self.needed_tests, self.tests[rows, place]))
-        filled = len(wave_ends(wave, growth, longest))  # a last wave without a pair does not count
+        filled = int(np.searchsorted(ends, longest)) + 1  # a last wave without a pair does not count
         shown = ends[: min(filled, MOST_WAVES)]
         per_wave = np.diff(np.minimum(pairs[:, None], shown).mean(axis=0), prepend=0.0)
         waves = filled / min(rays, 1e12)

@@ -139,7 +139,7 @@ def test_the_smallest_of_those_near_the_best_is_taken_and_said_so():
 
 
 def test_options_that_are_given_are_kept():
-    assert waves({"wave": "5"}) == [(5, 1)] and waves({"wave": "8"}) == [(8, 1), (8, 2)]
+    assert waves({"wave": "5"}) == [(5, 1)] and waves({"wave": "4"}) == [(4, 1), (4, 2)]
     assert {growth for _, growth in waves({"growth": "2"})} == {2}
     assert auto.batches(10**6, {}) == [1 << 20] and auto.batches(3 * 10**6, {}) == [1 << 20, 1 << 22]
     assert auto.batches(3 * 10**6, {"batch": "4096"}) == [4096]
