@@ -9,8 +9,8 @@
 kernel void sample_rays(const int count, global const Ray *rays, global const ulong *keys, GRID_ARGUMENTS,
                         global const int *cell_start, global const int *references, global const float *triangles,
                         global const ulong *positions, const int slots, global int *cells,
-                        global int *cell_references, global int *cell_steps, global int *found, global int *needed, global int *needed_steps,
-                        global int *needed_tests, global int *end_steps)
+                        global int *cell_references, global int *cell_steps, global int *found, global int *needed,
+                        global int *needed_steps, global int *needed_tests, global int *end_steps)
 {
     const int i = get_global_id(0);
     if (i >= count)
