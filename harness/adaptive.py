@@ -56,6 +56,11 @@ class AdaptiveGrid(Grid):
     cells: int = 0
     top_counts: np.ndarray | None = None
 
+    @functools.cached_property
+    def counted(self) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of triangles that top cells in use have, int[n], and how many cells have each."""
+        return np.unique(self.top_counts, return_counts=True)
+
     @property
     def arguments(self) -> tuple:
         """The grid as kernel arguments, in the order of GRID_ARGUMENTS."""

@@ -1,7 +1,7 @@
-"""`--grid auto`: the density of an adaptive grid and the deferred tracer's wave and batch, by a cost model.
+"""`--grid auto`: the density of an adaptive grid and a deferred tracer's wave and batch, by a cost model.
 
-A grid of the default density is built on trial and a sample of the rays walked through it; their work at every other
-setting follows, and the model says what it costs. Among settings within TOLERANCE of the best, the smallest is taken.
+A grid of half the default density is built on trial and a sample of the rays walked through it; their work at every
+other setting follows, and the model says what it costs. Of those within TOLERANCE of the best the smallest is taken.
 """
 
 from __future__ import annotations
@@ -14,27 +14,30 @@ import numpy as np
 
 from harness import tracers
 from harness.adaptive import DENSITY, AdaptiveGrid, levels_of
-from harness.calibrate import FAST, cost_model
+from harness.calibrate import FAST, cost_models
 from harness.cost_model import CostModel
 from harness.data import ADAPTIVE_LEAF, GridSpec, Rays
 from harness.grid import Grid, build_grid
 from harness.intersectors import Intersector
-from harness.sampling import Sample, Work, padding, sample_rays, some_of
-from harness.tracers._base import Setting
+from harness.sampling import Sample, Work, far_bins, far_triangles, sample_rays, some_of, unused_slots
+from harness.tracers._base import DeviceTracer, Setting
 
 TOLERANCE = 0.05
 DENSITIES = tuple(DENSITY * 2.0**k for k in range(-3, 4))
-WAVES = ((2, 1), (2, 2), (4, 1), (4, 2), (6, 1), (8, 1), (8, 2), (16, 1))  # wave and growth
+TRIAL = DENSITY / 2  # of the grid built on trial: in the middle of what is chosen, and so often the one
+WAVES = ((2, 1), (2, 2), (4, 1), (4, 2), (6, 1), (8, 2))  # wave and growth
 BATCHES = (1 << 20, 1 << 22)
 FEW_RAYS = 1 << 16  # of fewer, tracing takes less time than choosing could save
 UNCHOSEN_WAVE = {"wave": "4"}
+DEFERRED = ("deferred", "streamed")
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A setting with its predicted time of a ray and its grid's predicted size. `wave`, `growth`, `batch` of the
-    deferred tracer, 0 for others."""
+    """A setting of a tracer with its predicted time of a ray and its grid's predicted size. `wave`, `growth`, `batch`
+    of the two deferred tracers, 0 for others."""
 
+    tracer: str
     density: float
     wave: int
     growth: int
@@ -54,29 +57,28 @@ class Candidate:
         """As options of the tracer."""
         if not self.wave:
             return {}
-        return {**FAST, "wave": str(self.wave), "growth": str(self.growth), "batch": str(self.batch)}
+        chosen = {"wave": str(self.wave), "growth": str(self.growth), "batch": str(self.batch)}
+        return {**FAST, **chosen} if self.tracer == "deferred" else chosen
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The grid, the options it goes with, and why in one line.
+    """The grid, the options it goes with for each tracer, and why in one line.
 
     `seconds`: sampling and predicting, programs compiled beforehand. `trial_seconds`: building the trial grid, 0
     where it is the grid chosen. `candidates`: all that was compared.
     """
 
     grid: Grid
-    options: dict[str, str]
+    options: dict[str, dict[str, str]]
     why: str
     seconds: float
     trial_seconds: float
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
 
     def options_for(self, tracer: str, given: dict[str, str]) -> dict[str, str]:
-        """Options of a run: those given, and for a deferred tracer what was chosen where nothing was given."""
-        if tracer != "deferred":
-            return dict(given)
-        chosen = dict(self.options)
+        """Options of a run: those given, and what was chosen for its tracer where nothing was given."""
+        chosen = dict(self.options.get(tracer, {}))
         if "wave" in given:
             chosen.pop("growth", None)  # it belongs to the wave that was chosen
         return {**chosen, **given}
@@ -99,23 +101,30 @@ def choose(
     `given`: the tracer's options that are settled. `tell` hears that the model is fitted to the device, where it has
     to be. Raises DefrayError where the grid does not fit the device.
     """
-    trial = build_grid(setting.device_scene, trial_spec())
     if len(rays) < FEW_RAYS:
         why = f"density {DENSITY:g}, the default: {len(rays):,} rays are too few for choosing to pay"
-        return Choice(trial, {**FAST, **UNCHOSEN_WAVE}, why, 0.0, 0.0)
-    family = "deferred" if tracer == "deferred" else "forward"
-    model = cost_model(setting.device, family, intersector, tell)
-    walker = tracers.find(family)(replace(setting, grid=trial), intersector, {})
-    sample_rays(walker, some_of(rays, 64))  # compiles
+        grid = build_grid(setting.device_scene, spec_of(DENSITY))
+        return Choice(grid, {"deferred": {**FAST, **UNCHOSEN_WAVE}, "streamed": UNCHOSEN_WAVE}, why, 0.0, 0.0)
+    family, given = tracer if tracer in DEFERRED else "forward", given or {}
+    trial = build_grid(setting.device_scene, spec_of(TRIAL))
+    models = cost_models(setting.device, family, intersector, tell)
+    on_trial = replace(setting, grid=trial)
+    walkers = {name: tracers.find(name)(on_trial, intersector, given if name == tracer else {}) for name in models}
+    sample_rays(walkers[family], some_of(rays, 64))  # compiles
     started = time.perf_counter()
-    sample = sample_rays(walker, some_of(rays))
-    made = candidates(model, sample, trial, len(rays), walker.lanes, given or {})
-    taken = pick(made)
+    sample = sample_rays(walkers[family], some_of(rays))
+    made = {
+        name: candidates(models[name], sample, walker, len(rays), given if name == tracer else {})
+        for name, walker in walkers.items()
+    }
+    taken = pick(made[family])
     seconds = time.perf_counter() - started
     grid, trial_seconds = trial, 0.0
-    if taken.density != DENSITY:
-        grid, trial_seconds = build_grid(setting.device_scene, spec_of(taken)), trial.build_seconds
-    return Choice(grid, taken.options, explain(taken, made), seconds, trial_seconds, tuple(made))
+    if taken.density != TRIAL:
+        grid, trial_seconds = build_grid(setting.device_scene, spec_of(taken.density)), trial.build_seconds
+    options = {name: pick([c for c in some if c.density == taken.density]).options for name, some in made.items()}
+    return Choice(grid, {**options, family: taken.options}, explain(taken, made), seconds, trial_seconds,
+                  tuple(made[family]))
 
 
 def prepare_grid(
@@ -134,61 +143,65 @@ def prepare_grid(
     return choice.grid, choice
 
 
-def trial_spec() -> GridSpec:
-    """The grid built on trial."""
-    return GridSpec(0, ADAPTIVE_LEAF, "adaptive", DENSITY)
-
-
-def spec_of(candidate: Candidate) -> GridSpec:
-    """A candidate's grid."""
-    return GridSpec(0, ADAPTIVE_LEAF, "adaptive", candidate.density)
+def spec_of(density: float) -> GridSpec:
+    """An adaptive grid of that density."""
+    return GridSpec(0, ADAPTIVE_LEAF, "adaptive", density)
 
 
 def candidates(
-    model: CostModel, sample: Sample, trial: AdaptiveGrid, rays: int, lanes: int, given: dict[str, str]
+    model: CostModel, sample: Sample, walker: DeviceTracer, rays: int, given: dict[str, str]
 ) -> list[Candidate]:
-    """Every density with every wave and batch that the options given allow."""
-    sizes = [(density, *_size(model, trial, density)) for density in DENSITIES]
-    if model.tracer != "deferred":
-        work = sample.forward_work()
+    """Every density with every wave and batch that the options given allow; `walker` walked `sample`."""
+    trial, tracer = walker.grid, model.tracer
+    sizes = [_size(model, trial, density, walker.scene.active_count) for density in DENSITIES]
+    finer, sizes = (np.array(values) for values in zip(*sizes, strict=True))
+
+    def of(work: Work, wave: int, growth: int, batch: int) -> list[Candidate]:
+        times = np.broadcast_to(model.nanoseconds(work), sizes.shape)
         return [
-            Candidate(density, 0, 0, 0, model.nanoseconds(model.scaled(work, finer)), size)
-            for density, finer, size in sizes
+            Candidate(tracer, density, wave, growth, batch, float(time), float(size))
+            for density, time, size in zip(DENSITIES, times, sizes, strict=True)
         ]
-    made = []
+
+    if tracer not in DEFERRED:
+        return of(model.scaled(sample.forward_work(), finer), 0, 0, 0)
+    made, spread, beyond = [], sample.spread(trial.nonempty), far_triangles(walker)
     for batch in batches(rays, given):
         at_once = min(rays, batch)
         for wave, growth in waves(given):
             work, per_wave = sample.deferred_work(wave, growth, at_once)
-            for density, finer, size in sizes:
-                whole = _with_bins(model, work, per_wave, trial, finer, at_once, lanes)
-                made.append(Candidate(density, wave, growth, batch, model.nanoseconds(whole), size))
+            work = replace(work, far=beyond)
+            made += of(_with_bins(model, work, per_wave, walker, finer, at_once, spread), wave, growth, batch)
     return made
 
 
 def _with_bins(
-    model: CostModel, work: Work, per_wave: np.ndarray, trial: Grid, finer: float, rays: int,
-    lanes: int,
+    model: CostModel, work: Work, per_wave: np.ndarray, walker: DeviceTracer, finer: np.ndarray, rays: int,
+    spread: float,
 ) -> Work:
-    """The work of a setting, its bins counted in."""
-    scaled, cells = model.scaled(work, finer), model.factor("nonempty", finer)
-    empty = model.padding * padding(per_wave * rays, trial.nonempty * cells, lanes) / rays
+    """The work of a setting in grids `finer` float64[n] times as fine, its bins counted in."""
+    scaled, cells = model.scaled(work, finer), walker.grid.nonempty * model.factor("nonempty", finer)
+    empty = model.padding * unused_slots(walker, cells, per_wave, rays, spread)
     return replace(
         scaled,
         slots=scaled.pairs + empty,
-        lane_tests=scaled.tests * (1 + model.idle * empty / max(scaled.pairs, 1e-9)),
-        cell_waves=trial.nonempty * cells * len(per_wave) / rays,
-        waves=len(per_wave) / rays,
+        lane_tests=scaled.tests * (1 + model.idle * empty / np.maximum(scaled.pairs, 1e-9)),
+        far_bins=far_bins(walker, cells),
+        cell_waves=cells * work.waves,
     )
 
 
-def _size(model: CostModel, trial: AdaptiveGrid, density: float) -> tuple[float, float]:
-    """How many times as many leaf cells per axis a density gives as the trial grid has, and its bytes."""
-    level = levels_of(trial.top_counts, density, trial.shape[3])
-    finer = float(((8**level).sum() / max(trial.cells, 1)) ** (1 / 3))
-    references = len(trial.references) * model.factor("references", finer)
+def _size(model: CostModel, trial: AdaptiveGrid, density: float, triangles: int) -> tuple[float, float]:
+    """How many times as many leaf cells per axis a density gives as the trial grid has, and its bytes.
+
+    Every triangle has one reference, however coarse the grid; what it has beyond that grows with the cells.
+    """
+    counts, times = trial.counted
+    cells = float(times @ 8.0 ** levels_of(counts, density, trial.shape[3]))
+    finer = (cells / max(trial.cells, 1)) ** (1 / 3)
+    references = triangles + (len(trial.references) - triangles) * model.factor("references", finer)
     nonempty = trial.nonempty * model.factor("nonempty", finer)
-    return finer, trial.top_block.nbytes + 8.0 * (8.0**level).sum() + 4 * (references + nonempty)
+    return finer, trial.top_block.nbytes + 8 * cells + 4 * (references + nonempty)
 
 
 def waves(given: dict[str, str]) -> list[tuple[int, int]]:
@@ -215,15 +228,22 @@ def pick(made: list[Candidate]) -> Candidate:
     return min(near, key=lambda c: (c.batch, c.bytes, c.nanoseconds))
 
 
-def explain(taken: Candidate, made: list[Candidate]) -> str:
-    """What was chosen and why, in one line."""
-    best = min(made, key=lambda c: c.nanoseconds)
-    size = f"{taken.bytes / 2**20:.1f} MiB"
-    text = f"{taken}: predicted {taken.nanoseconds:.0f} ns a ray and {size}"
+def explain(taken: Candidate, made: dict[str, list[Candidate]]) -> str:
+    """What was chosen and why, in one line; `made`: the candidates of every tracer compared."""
+    own = made[taken.tracer]
+    best = min(own, key=lambda c: c.nanoseconds)
+    text = f"{taken}: predicted {taken.nanoseconds:.0f} ns a ray and {taken.bytes / 2**20:.1f} MiB"
     if taken is best:
-        return f"{text}, the best of {len(made)} settings"
-    more = taken.nanoseconds / best.nanoseconds - 1
-    return (
-        f"{text}, the smallest within {TOLERANCE:.0%} of the best of {len(made)} settings "
-        f"({best}: {more:.1%} faster, {best.bytes / 2**20:.1f} MiB)"
-    )
+        text = f"{text}, the best of {len(own)} settings"
+    else:
+        more = taken.nanoseconds / best.nanoseconds - 1
+        text += (
+            f", the smallest within {TOLERANCE:.0%} of the best of {len(own)} settings "
+            f"({best}: {more:.1%} faster, {best.bytes / 2**20:.1f} MiB)"
+        )
+    for name, others in made.items():
+        if name != taken.tracer:
+            rival = pick(others)
+            than = "faster" if rival.nanoseconds < taken.nanoseconds else "slower"
+            text += f"; {name}, with {rival}, is predicted {than}: {rival.nanoseconds:.0f} ns"
+    return text

@@ -20,21 +20,31 @@ from harness.grid import build_grid
 from harness.intersectors import Intersector
 from harness.program import KERNELS
 from harness.rays import make_rays
-from harness.sampling import counted_work, padding, sample_rays, some_of
+from harness.sampling import (
+    Sample,
+    counted_work,
+    far_bins,
+    far_triangles,
+    sample_rays,
+    some_of,
+    unused_slots,
+)
 from harness.stopwatch import CpuStopwatch, Stopwatch
-from harness.tracers._base import Setting
+from harness.tracers._base import DeviceTracer, Setting
 
-SCENES = ("sponza", "conference")  # as stand-ins, which are at hand everywhere
+# As stand-ins, which are at hand everywhere; the crown's triangles do not fit a cache.
+SCENES = ("sponza", "conference", "crown")
 DENSITIES = (0.075, 0.3, 1.2)
 # Deferred, of fewer rays more of the time goes into reading triangles for the first time.
-RAYS = {"deferred": 1 << 20, "forward": 1 << 16}
+RAYS = {"deferred": 1 << 20, "streamed": 1 << 20, "forward": 1 << 16}
 REPETITIONS = 2
 FAST = {"arrange": "record", "pairs": "copy"}  # deferred options that the model is fitted with
 SETTINGS = {
-    "deferred": [{**FAST, "wave": "2"}, {**FAST, "wave": "4"}, {**FAST, "wave": "8", "growth": "2"}],
+    "deferred": [{**FAST, "wave": "2"}, {**FAST, "wave": "8", "growth": "2"}],
+    "streamed": [{"wave": "2"}, {"wave": "8", "growth": "2"}],
     "forward": [{}],
 }
-FORM = 2  # of the file
+FORM = 3  # of the file
 
 
 def per_axis(grid: AdaptiveGrid) -> float:
@@ -42,22 +52,38 @@ def per_axis(grid: AdaptiveGrid) -> float:
     return (grid.cells / max(grid.blocks, 1)) ** (1 / 3)
 
 
-def cost_model(
+def cost_models(
     device: Device, tracer: str, intersector: Intersector, tell: Callable[[str], None] | None = None
-) -> CostModel:
-    """The model of a device, from its file or fitted now, which takes a minute or so; `tell` hears of it first."""
-    file = model_file(device, tracer, intersector)
+) -> dict[str, CostModel]:
+    """The models of the `compared` tracers, from their files or fitted now, which takes minutes; `tell` hears of it
+    first."""
+    fitted = compared(device, tracer)
     with contextlib.suppress(OSError, ValueError):
-        return CostModel.model_validate_json(file.read_text())
+        texts = {name: model_file(device, name, intersector).read_text() for name in fitted}
+        return {name: CostModel.model_validate_json(text) for name, text in texts.items()}
     if tell:
-        tell(f"fitting the cost model of {tracer}:{intersector.name} to this device, once; a minute or two")
-    model = fit(tracer, measured_runs(device, tracer, intersector, _calibration_scenes(RAYS[tracer])))
+        tell(f"fitting the cost model of {' and '.join(fitted)} with {intersector.name} to the device, once; minutes")
+    runs = measured_runs(device, fitted, intersector, _calibration_scenes(RAYS[tracer]))
+    models = {name: fit(name, [run for run in runs if run.tracer == name]) for name in fitted}
+    for name, model in models.items():
+        _keep(model, model_file(device, name, intersector))
+    return models
+
+
+def compared(device: Device, tracer: str) -> tuple[str, ...]:
+    """The tracers whose times are predicted beside each other: `tracer` first."""
+    both = ("deferred", "streamed")
+    if not device.is_cpu or tracer not in both:  # elsewhere one core's stream takes minutes
+        return (tracer,)
+    return tracer, *(name for name in both if name != tracer)
+
+
+def _keep(model: CostModel, file: Path) -> None:
     partial = file.with_name(f"{file.name}.{os.getpid()}")
     with contextlib.suppress(OSError):  # a cache that cannot be written costs time, no more
         file.parent.mkdir(parents=True, exist_ok=True)
         partial.write_text(model.model_dump_json(indent=1) + "\n")
         os.replace(partial, file)
-    return model
 
 
 def model_file(device: Device, tracer: str, intersector: Intersector) -> Path:
@@ -88,14 +114,16 @@ def _calibration_scenes(rays: int) -> tuple[tuple, ...]:
     return tuple((scene, make_rays(scene, "diffuse", rays)) for scene in made)
 
 
-def measured_runs(device: Device, tracer: str, intersector: Intersector, scenes: Sequence[tuple]) -> list[Run]:
-    """Runs of every scene, density and setting, repetitions interleaved; the shortest of each counts."""
+def measured_runs(
+    device: Device, fitted: Sequence[str], intersector: Intersector, scenes: Sequence[tuple]
+) -> list[Run]:
+    """Runs of every scene, density, tracer and setting, repetitions interleaved; the shortest of each counts."""
     runs = []
     for scene, rays in scenes:
         setting = Setting.on_device(scene, device)
         for density in DENSITIES:
             grid = build_grid(setting.device_scene, GridSpec(0, 16, "adaptive", density))
-            runs += _on_grid(replace(setting, grid=grid), tracer, intersector, rays)
+            runs += _on_grid(replace(setting, grid=grid), fitted, intersector, rays)
     return runs
 
 
@@ -104,29 +132,30 @@ def stopwatch(device: Device) -> Stopwatch:
     return CpuStopwatch(device) if device.is_cpu else Stopwatch(device.queue)
 
 
-def _on_grid(setting: Setting, tracer: str, intersector: Intersector, rays: Rays) -> list[Run]:
-    kind, grid = tracers.find(tracer), setting.grid
-    made = [(kind(setting, intersector, options), options) for options in SETTINGS[tracer]]
-    for one, _ in made:
+def _on_grid(setting: Setting, fitted: Sequence[str], intersector: Intersector, rays: Rays) -> list[Run]:
+    made = [tracers.find(name)(setting, intersector, options) for name in fitted for options in SETTINGS[name]]
+    for one in made:
         one.trace(rays, stopwatch(setting.device))
     times: list[list[dict]] = [[] for _ in made]
     for _ in range(REPETITIONS):
-        for (one, _), taken in zip(made, times, strict=True):
+        for one, taken in zip(made, times, strict=True):
             watch = stopwatch(setting.device)
             one.trace(rays, watch)
             taken.append(dict(watch.seconds))
-    sample = sample_rays(made[0][0], some_of(rays))
-    runs = []
-    for (one, options), taken in zip(made, times, strict=True):
-        best = min(taken, key=lambda seconds: seconds["total"])
-        counters = one.count(rays)
-        work = counted_work(counters, len(rays), grid.nonempty)
-        run = Run(tracer, setting.scene.name, len(rays), best, work, per_axis(grid), grid.nonempty,
-                  len(grid.references), setting=repr(options))
-        if tracer == "deferred":
-            wave, growth = int(options["wave"]), int(options.get("growth", 1))
-            _, per_wave = sample.deferred_work(wave, growth, len(rays))
-            empty = padding(per_wave * len(rays), grid.nonempty, one.lanes) / len(rays)
-            run = replace(run, predicted_padding=empty)
-        runs.append(run)
-    return runs
+    sample = sample_rays(made[0], some_of(rays))
+    shortest = (min(taken, key=lambda seconds: seconds["total"]) for taken in times)
+    return [_run(one, sample, seconds, rays) for one, seconds in zip(made, shortest, strict=True)]
+
+
+def _run(tracer: DeviceTracer, sample: Sample, seconds: dict[str, float], rays: Rays) -> Run:
+    """What a timed run comes to, its work counted, and its padding predicted."""
+    grid, options, count = tracer.grid, tracer.options, len(rays)
+    work = counted_work(tracer.count(rays), count, grid.nonempty)
+    work = replace(work, far=far_triangles(tracer), far_bins=far_bins(tracer, grid.nonempty))
+    run = Run(tracer.name, tracer.setting.scene.name, count, seconds, work, per_axis(grid), grid.nonempty,
+              len(grid.references) - tracer.scene.active_count, setting=f"{tracer.name} {options}")
+    if tracer.name == "forward":
+        return run
+    _, per_wave = sample.deferred_work(int(options.wave), options.growth, min(count, options.batch))
+    empty = unused_slots(tracer, grid.nonempty, per_wave, count, sample.spread(grid.nonempty))
+    return replace(run, predicted_padding=empty)

@@ -17,12 +17,14 @@ from harness.sampling import Work
 
 TERMS = {
     "deferred": {
-        "traverse": ("active", "steps", "cell_waves"),
-        "arrange": ("slots", "cell_waves"),
-        "intersect": ("slots", "lane_tests"),
+        "traverse": ("active", "steps", "far_pairs", "cell_waves"),
+        "arrange": ("slots", "far_pairs", "cell_waves"),
+        "intersect": ("slots", "lane_tests", "far_slots", "far_tests"),
         "compact": ("active", "waves"),
         "rest": ("one", "waves"),
     },
+    # One kernel that does all at a time, so that there is only a total.
+    "streamed": {"rest": ("active", "steps", "pairs", "far_pairs", "slots", "lane_tests", "far_tests")},
     "forward": {"rest": ("one", "steps", "pairs", "tests")},
 }
 SCALED = ("steps", "pairs", "tests", "nonempty", "references")  # what has an exponent
@@ -32,7 +34,8 @@ SCALED = ("steps", "pairs", "tests", "nonempty", "references")  # what has an ex
 class Run:
     """A measured run: the seconds of its stages and in total, its work, and its grid's size.
 
-    `work`: a ray's. `per_axis`: leaf cells per axis of a top cell, the root mean cube. `predicted_padding`: what
+    `work`: a ray's. `per_axis`: leaf cells per axis of a top cell, the root mean cube. `references`: beyond the first
+    of each triangle, which any grid has. `predicted_padding`: what
     `sampling.padding` makes of the run, 0 without one.
     """
 
@@ -71,20 +74,20 @@ class CostModel(BaseModel):
     padding: float = 1.0
     idle: float = 1.0
 
-    def nanoseconds(self, work: Work) -> float:
-        """Predicted time of one ray."""
+    def nanoseconds(self, work: Work):
+        """Predicted time of one ray; of each of several grids where the work's numbers are arrays."""
         return sum(
             value * getattr(work, term) for terms in self.coefficients.values() for term, value in terms.items()
         )
 
-    def scaled(self, work: Work, finer: float) -> Work:
+    def scaled(self, work: Work, finer) -> Work:
         """The work in a grid with `finer` times as many leaf cells per axis; bins are the caller's."""
         factors = {name: getattr(work, name) * finer ** self.exponents[name] for name in ("steps", "pairs", "tests")}
         return replace(work, **factors)
 
-    def factor(self, name: str, finer: float) -> float:
+    def factor(self, name: str, finer):
         """How many times as many of `name` there are with `finer` times as many leaf cells per axis."""
-        return float(finer ** self.exponents[name])
+        return finer ** self.exponents[name]
 
 
 def fit(tracer: str, runs: Sequence[Run]) -> CostModel:
@@ -126,7 +129,7 @@ def _exponents(runs: Sequence[Run]) -> dict[str, float]:
         for key in {(run.scene, run.setting) for run in runs}:
             same = [run for run in runs if (run.scene, run.setting) == key]
             x = np.log([run.per_axis for run in same])
-            y = np.log([getattr(run, name, None) or getattr(run.work, name) for run in same])
+            y = np.log([max(getattr(run, name, None) or getattr(run.work, name), 1e-9) for run in same])
             x = x - x.mean()
             over, under = over + float(x @ y), under + float(x @ x)
         slopes[name] = over / under if under else 0.0

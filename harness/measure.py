@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from harness import intersectors, stats, tracers
-from harness.auto import Choice, prepare_grid
+from harness.auto import DEFERRED, Choice, prepare_grid
 from harness.check import Agreement, Checker
 from harness.data import STAGES, Counters, Hits, Rays, Samples, Scene, differing
 from harness.embree import EmbreeScene
@@ -63,7 +63,7 @@ class Group:
         walking = [spec for spec in specs if tracers.find(spec.variant.tracer).needs_grid]
         if walking:
             # One and the same of them, whatever order a sweep has drawn.
-            self._build_grid(min(walking, key=lambda spec: (spec.variant.tracer != "deferred", str(spec.variant))))
+            self._build_grid(min(walking, key=lambda spec: (_turn(spec.variant.tracer), str(spec.variant))))
         self.seed = int(first.id, 16)
 
     def tell(self, spec: RunSpec | None, stage: str, done: float) -> None:
@@ -227,6 +227,11 @@ def scene_facts(scene: Scene) -> dict:
         "sha256": scene.sha256,
         "views": scene.views_from,
     }
+
+
+def _turn(tracer: str) -> int:
+    """Of the tracers of a group, the one of the lowest is who the grid is chosen for."""
+    return DEFERRED.index(tracer) if tracer in DEFERRED else len(DEFERRED)
 
 
 def describe_grid(grid: Grid, choice: Choice | None) -> dict:

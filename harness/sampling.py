@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.optimize import brentq
 
 from harness.data import Counters, Rays
 from harness.grid import Grid
@@ -15,7 +16,12 @@ from harness.runtime import cl
 from harness.tracers._base import Batch, DeviceTracer
 
 SAMPLE_RAYS = 2048
+LINE = 64  # bytes of a cache
 SLOTS = 24  # non-empty cells of a sampled ray that are written down
+MOST_WAVES = 32  # beyond, few rays are left
+WIDEST = 5.0  # spread of cells' chances
+POINTS, WEIGHTS = np.polynomial.hermite_e.hermegauss(24)  # of a mean over a normal distribution
+WEIGHTS = WEIGHTS / WEIGHTS.sum()
 
 
 @dataclass(frozen=True)
@@ -23,7 +29,8 @@ class Work:
     """What one ray costs on average. The names are those of the cost model's terms.
 
     `steps`, `pairs`, `tests`, `lane_tests` as in `Counters`; `slots`: pairs and the padding of their bins; `active`:
-    waves that a ray takes part in; `waves`: waves over rays; `cell_waves`: bins to clear and to scan, over rays.
+    waves that a ray takes part in; `waves`: waves over rays; `cell_waves`: bins to clear and to scan, over rays;
+    `far`: the part of the triangles that the device's cache cannot hold; `far_bins`: that of the bins.
     """
 
     steps: float
@@ -34,7 +41,24 @@ class Work:
     active: float = 0.0
     waves: float = 0.0
     cell_waves: float = 0.0
+    far: float = 0.0
+    far_bins: float = 0.0
     one: float = 1.0
+
+    @property
+    def far_tests(self) -> float:
+        """Lane tests of triangles that are not in the cache."""
+        return self.far * self.lane_tests
+
+    @property
+    def far_pairs(self) -> float:
+        """Pairs whose bins are not in the cache."""
+        return self.far_bins * self.pairs
+
+    @property
+    def far_slots(self) -> float:
+        """Slots of bins whose triangles are not in the cache."""
+        return self.far * self.slots
 
 
 def counted_work(counters: Counters, rays: int, nonempty: int) -> Work:
@@ -56,11 +80,12 @@ def counted_work(counters: Counters, rays: int, nonempty: int) -> Work:
 class Sample:
     """Sampled rays in one grid.
 
-    `references`, `steps` int32[n, SLOTS]: the references in each non-empty cell of a ray, and the steps up to it;
+    `cells`, `references`, `steps` int32[n, SLOTS]: each non-empty cell of a ray, its references, the steps up to it;
     `found` int32[n] of them are filled. `needed`, `needed_steps`, `needed_tests` int32[n]: up to the hit, or to where
     the ray leaves the grid. `end_steps` int32[n]: up to the end of the walk.
     """
 
+    cells: np.ndarray
     references: np.ndarray
     steps: np.ndarray
     found: np.ndarray
@@ -79,26 +104,45 @@ class Sample:
         sums = np.cumsum(np.where(filled, self.references, 0), axis=1)
         return np.concatenate([np.zeros((len(self), 1), np.int64), sums], axis=1)
 
+    @functools.lru_cache(maxsize=8)  # noqa: B019 - samples are few, and each model asks them the same
+    def spread(self, cells: int) -> float:
+        """How unequally rays meet the grid's `cells` non-empty cells: the standard deviation of the logarithm of a
+        cell's chance, taken to be normal, from how many cells the sampled rays meet before they are through."""
+        met = self.cells[np.arange(SLOTS) < np.minimum(self.found, self.needed)[:, None]]
+        seen, mean = len(np.unique(met)), len(met) / max(cells, 1)
+
+        def surplus(spread: float) -> float:
+            return cells * float(WEIGHTS @ -np.expm1(-mean * np.exp(spread * POINTS - spread**2 / 2))) - seen
+
+        if not seen or surplus(0.0) <= 0:
+            return 0.0
+        return brentq(surplus, 0.0, WIDEST, xtol=1e-3) if surplus(WIDEST) < 0 else WIDEST
+
     def forward_work(self) -> Work:
         """The work of rays that test cell by cell and halt at the hit."""
         return Work(self.needed_steps.mean(), self.needed.mean(), self.needed_tests.mean())
 
+    @functools.lru_cache(maxsize=64)  # noqa: B019 - as above
     def deferred_work(self, wave: int, growth: int, rays: int) -> tuple[Work, np.ndarray]:
         """The work of rays that meet `wave` cells, then `growth` times as many, and so on, padding and bins left out,
-        and the pairs of each wave, a ray."""
-        ends = wave_ends(wave, growth, self._longest(rays))
-        which = np.searchsorted(ends, self.needed)  # the wave in which a ray finishes
+        and the pairs of each of the first MOST_WAVES waves, a ray."""
+        longest = self._longest(rays)
+        ends = wave_ends(wave, growth, longest + 1)
+        rows = np.arange(len(self))
+        # Out of the grid, or beyond a hit that is not in the last cell met, a ray comes by walking on from there.
+        walked_on = self.needed_steps > self.steps[rows, np.clip(self.needed - 1, 0, SLOTS - 1)]
+        which = np.searchsorted(ends, self.needed + walked_on)  # the wave in which a ray finishes
         pairs = np.maximum(np.minimum(ends[which], self.found), self.needed)
         inside = pairs <= SLOTS
         place = np.minimum(pairs, SLOTS)
-        rows = np.arange(len(self))
         left = place < ends[which]  # out of the grid before the wave was over
         steps = np.where(left, self.end_steps, self.steps[rows, np.maximum(place - 1, 0)])
         steps = np.where(inside, steps, np.maximum(self.needed_steps, self.end_steps))
         tests = np.where(inside, self.tests[rows, place], np.maximum(self.needed_tests, self.tests[rows, place]))
-        starts = np.concatenate([[0], ends[:-1]])
-        per_wave = np.clip(pairs[:, None] - starts, 0, ends - starts).mean(axis=0)
-        waves = len(ends) / min(rays, 1e12)
+        filled = int(np.searchsorted(ends, longest)) + 1  # a last wave without a pair does not count
+        shown = ends[: min(filled, MOST_WAVES)]
+        per_wave = np.diff(np.minimum(pairs[:, None], shown).mean(axis=0), prepend=0.0)
+        waves = filled / min(rays, 1e12)
         return Work(steps.mean(), pairs.mean(), tests.mean(), active=float(which.mean()) + 1, waves=waves), per_wave
 
     def _longest(self, rays: int) -> int:
@@ -116,21 +160,46 @@ def wave_ends(wave: int, growth: int, longest: int) -> np.ndarray:
     return np.array(ends)
 
 
-def padding(pairs: np.ndarray, cells: float, lanes: int) -> float:
-    """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave spread over `cells`."""
+def padding(pairs: np.ndarray, cells: float | np.ndarray, lanes: int, spread: float = 0.0) -> float | np.ndarray:
+    """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave over `cells` whose
+    chances have that `spread` (`Sample.spread`); of each of several numbers of cells float64[n]."""
     means, unused = _unused_slots(lanes)
-    return float(cells * np.interp(np.log(np.maximum(pairs / cells, 1e-12)), means, unused).sum())
+    cells = np.asarray(cells, np.float64)[..., None]
+    found = np.log(np.maximum(pairs / np.maximum(cells, 1e-9), 1e-12))[..., None] + spread * POINTS - spread**2 / 2
+    return (cells * (np.interp(found, means, unused) @ WEIGHTS)).sum(axis=-1)
 
 
 @functools.cache
 def _unused_slots(lanes: int) -> tuple[np.ndarray, np.ndarray]:
     """Logarithms of mean pairs in a bin, float64[m], and the unused slots expected there, by Poisson's law."""
-    means = np.linspace(math.log(1e-12), math.log(1e3), 2000)
+    means = np.linspace(math.log(1e-6), math.log(1e3), 1000)
     held = np.arange(4 * lanes)
     factorials = np.array([math.lgamma(count + 1.0) for count in held])
     chance = np.exp(held * means[:, None] - np.exp(means)[:, None] - factorials)
     rest = np.maximum(1.0 - chance.sum(axis=1), 0.0)  # of bins with more: any remainder is as likely
     return means, chance @ (-held % lanes) + rest * (lanes - 1) / 2
+
+
+def unused_slots(tracer: DeviceTracer, cells, per_wave: np.ndarray, rays: int, spread: float):
+    """Unused slots a ray in the bins of a tracer, of as many numbers of cells as are given."""
+    sets = bin_sets(tracer)
+    return padding(per_wave * rays / sets, cells, tracer.lanes, spread) * sets / rays
+
+
+def bin_sets(tracer: DeviceTracer) -> int:
+    """How many sets of bins a tracer has: each stream its own."""
+    return (tracer.options.streams or tracer.device.compute_units) if tracer.name == "streamed" else 1
+
+
+def far_triangles(tracer: DeviceTracer) -> float:
+    """The part of the triangles that the device's largest cache cannot hold."""
+    return max(0.0, 1 - tracer.device.handle.global_mem_cache_size / max(tracer.triangles.nbytes, 1))
+
+
+def far_bins(tracer: DeviceTracer, cells):
+    """The part of the bins, a line of each being written, that the cache cannot hold beside all else it holds."""
+    need = LINE * cells * bin_sets(tracer)
+    return need / (need + tracer.device.handle.global_mem_cache_size)
 
 
 def some_of(rays: Rays, count: int = SAMPLE_RAYS) -> Rays:
@@ -143,7 +212,7 @@ def sample_rays(tracer: DeviceTracer, rays: Rays) -> Sample:
     queue, batch = tracer.device.queue, Batch(tracer.device, rays)
     tracer.start(batch)
     grid: Grid = tracer.grid
-    lists = [cl.array.empty(queue, batch.count * SLOTS, np.int32) for _ in range(2)]
+    lists = [cl.array.empty(queue, batch.count * SLOTS, np.int32) for _ in range(3)]
     numbers = [cl.array.empty(queue, batch.count, np.int32) for _ in range(5)]
     program = tracer.program("sample.cl", grid=True)
     program.launch(

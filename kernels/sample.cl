@@ -3,14 +3,14 @@
 #include "walk.clh"
 #include "cell_test.clh"
 
-// Non-empty cells of each ray in order, `slots` a ray: its references, and the steps taken when it was met.
+// Non-empty cells of each ray in order, `slots` a ray: which, its references, and the steps taken when it was met.
 // `needed`: cells up to the hit or the way out, and the steps and tests up to there; `found`: cells written down;
 // `end_steps`: steps when the walk ended, past the hit and at most at cell `slots`.
 kernel void sample_rays(const int count, global const Ray *rays, global const ulong *keys, GRID_ARGUMENTS,
                         global const int *cell_start, global const int *references, global const float *triangles,
-                        global const ulong *positions, const int slots, global int *cell_references,
-                        global int *cell_steps, global int *found, global int *needed, global int *needed_steps,
-                        global int *needed_tests, global int *end_steps)
+                        global const ulong *positions, const int slots, global int *cells,
+                        global int *cell_references, global int *cell_steps, global int *found, global int *needed,
+                        global int *needed_steps, global int *needed_tests, global int *end_steps)
 {
     const int i = get_global_id(0);
     if (i >= count)
@@ -40,7 +40,7 @@ kernel void sample_rays(const int count, global const Ray *rays, global const ul
         }
         if (met < slots) {
             const size_t slot = (size_t)i * slots + met;
-            cell_references[slot] = end - begin, cell_steps[slot] = steps;
+            cells[slot] = cell, cell_references[slot] = end - begin, cell_steps[slot] = steps;
         }
         met++;
     }

@@ -9,7 +9,7 @@ import pytest
 from shapes import icosphere, random_rays, soup
 
 from harness import auto, calibrate, intersectors, pipeline, tracers
-from harness.adaptive import DENSITY, levels_of
+from harness.adaptive import levels_of
 from harness.auto import Candidate, explain, pick, waves
 from harness.cost_model import CostModel, Run, fit
 from harness.data import AUTO, GridSpec, Scene, differing
@@ -17,7 +17,7 @@ from harness.errors import DefrayError
 from harness.grid import build_grid
 from harness.plan import expand, make_grid, parse_grid
 from harness.record_schema import GridFacts
-from harness.sampling import Work, counted_work, padding, sample_rays, wave_ends
+from harness.sampling import SLOTS, Sample, Work, counted_work, padding, sample_rays, unused_slots, wave_ends
 from harness.spec import check_grid
 from harness.tracers._base import Setting
 
@@ -27,7 +27,7 @@ MODEL = CostModel(
     tracer="deferred",
     coefficients={"traverse": {"active": 30.0, "steps": 4.0, "cell_waves": 6.0},
                   "intersect": {"slots": 14.0, "lane_tests": 0.6}, "rest": {"one": 20.0}},
-    exponents={"steps": 0.6, "pairs": 0.0, "tests": -1.5, "nonempty": 2.1, "references": 0.65},
+    exponents={"steps": 0.6, "pairs": 0.0, "tests": -1.5, "nonempty": 2.1, "references": 1.0},
     padding=0.7,
 )  # fmt: skip
 
@@ -36,7 +36,7 @@ MODEL = CostModel(
 def setting(device):
     """A small scene with its grid."""
     made = Setting.on_device(Scene("soup", MESH), device)
-    return dataclasses.replace(made, grid=build_grid(made.device_scene, auto.trial_spec()))
+    return dataclasses.replace(made, grid=build_grid(made.device_scene, auto.spec_of(auto.TRIAL)))
 
 
 def deferred(setting, **options):
@@ -50,8 +50,7 @@ def test_work_of_the_sample_is_what_the_tracer_counts(setting, wave, growth):
     counted = counted_work(tracer.count(rays), len(rays), setting.grid.nonempty)
     work, per_wave = sample_rays(tracer, rays).deferred_work(wave, growth, len(rays))
     for name in ("pairs", "tests", "active", "steps"):
-        # A hit beyond its cell ends the next wave early, which the sample does not know: most where waves are short.
-        assert getattr(work, name) == pytest.approx(getattr(counted, name), rel=0.07), name
+        assert getattr(work, name) == pytest.approx(getattr(counted, name), rel=0.04), name
     assert per_wave.sum() == pytest.approx(work.pairs) and len(per_wave) == round(counted.waves * len(rays))
 
 
@@ -65,12 +64,12 @@ def test_forward_work_of_the_sample_is_what_the_tracer_counts(setting):
 
 
 def test_predicted_size_is_the_size_that_is_built(setting):
-    for density in (DENSITY / 4, DENSITY, DENSITY * 4):
+    for density in (auto.TRIAL / 4, auto.TRIAL, auto.TRIAL * 4):
         built = build_grid(setting.device_scene, GridSpec(0, 16, "adaptive", density))
-        finer, size = auto._size(MODEL, setting.grid, density)
+        finer, size = auto._size(MODEL, setting.grid, density, len(MESH))
         assert finer == pytest.approx(calibrate.per_axis(built) / calibrate.per_axis(setting.grid))
         assert size == pytest.approx(built.bytes, rel=0.25)
-    assert (8 ** levels_of(setting.grid.top_counts, DENSITY, 4)).sum() == setting.grid.cells
+    assert (8 ** levels_of(setting.grid.top_counts, auto.TRIAL, 4)).sum() == setting.grid.cells
 
 
 def test_waves_end_where_they_should():
@@ -81,6 +80,18 @@ def test_padding_of_one_pair_a_bin_and_of_full_bins():
     assert padding(np.array([1.0]), 1e6, 8) == pytest.approx(7.0, rel=1e-3)
     assert padding(np.array([1e6]), 100, 8) == pytest.approx(350.0, rel=1e-3)
     assert padding(np.array([1e6]), 100, 1) == 0.0
+
+
+@pytest.mark.parametrize("spread", [0.0, 1.0, 2.0])
+def test_spread_of_chances_and_padding_are_found_from_a_sample(spread):
+    generator, cells, lanes = np.random.default_rng(7), 20_000, 8
+    chances = np.exp(spread * generator.standard_normal(cells))
+    met = generator.choice(cells, (2048, SLOTS), p=chances / chances.sum())
+    full = np.full(2048, SLOTS)
+    found = Sample(met, met, met, full, full, full, full, full).spread(cells)
+    assert found == pytest.approx(spread, abs=0.2)
+    binned = np.bincount(generator.choice(cells, 300_000, p=chances / chances.sum()), minlength=cells)
+    assert padding(np.array([300_000.0]), cells, lanes, found) == pytest.approx((-binned % lanes).sum(), rel=0.1)
 
 
 def made_up_runs(model: CostModel, seed: int = 4) -> list[Run]:
@@ -112,8 +123,8 @@ def test_fit_finds_the_coefficients_and_exponents_that_made_the_runs():
 
 
 def candidate(**fields) -> Candidate:
-    return Candidate(**{"density": 0.3, "wave": 4, "growth": 1, "batch": 1 << 20, "nanoseconds": 100.0,
-                        "bytes": 1e6, **fields})
+    return Candidate(**{"tracer": "deferred", "density": 0.3, "wave": 4, "growth": 1, "batch": 1 << 20,
+                        "nanoseconds": 100.0, "bytes": 1e6, **fields})
 
 
 def test_the_smallest_of_those_near_the_best_is_taken_and_said_so():
@@ -121,17 +132,17 @@ def test_the_smallest_of_those_near_the_best_is_taken_and_said_so():
         candidate(density=0.05, nanoseconds=106.0, bytes=1e5)
     made = [best, small, slow]
     assert pick(made) is small
-    assert "density 0.1" in explain(small, made) and "4.0% faster" in explain(small, made)
-    assert "best of 3" in explain(best, made) and "\n" not in explain(small, made)
+    assert "density 0.1" in explain(small, {"deferred": made}) and "4.0% faster" in explain(small, {"deferred": made})
+    assert "best of 3" in explain(best, {"deferred": made}) and "\n" not in explain(small, {"deferred": made})
     assert pick([best, slow]) is best
 
 
 def test_options_that_are_given_are_kept():
-    assert waves({"wave": "5"}) == [(5, 1)] and waves({"wave": "8"}) == [(8, 1), (8, 2)]
+    assert waves({"wave": "5"}) == [(5, 1)] and waves({"wave": "4"}) == [(4, 1), (4, 2)]
     assert {growth for _, growth in waves({"growth": "2"})} == {2}
     assert auto.batches(10**6, {}) == [1 << 20] and auto.batches(3 * 10**6, {}) == [1 << 20, 1 << 22]
     assert auto.batches(3 * 10**6, {"batch": "4096"}) == [4096]
-    choice = auto.Choice(None, candidate(wave=8, growth=2).options, "", 0.0, 0.0)
+    choice = auto.Choice(None, {"deferred": candidate(wave=8, growth=2).options}, "", 0.0, 0.0)
     assert choice.options_for("deferred", {"wave": "3"})["wave"] == "3"
     assert "growth" not in choice.options_for("deferred", {"wave": "3"})
     assert choice.options_for("forward", {"lanes": "4"}) == {"lanes": "4"}
@@ -142,7 +153,7 @@ def test_choosing_takes_the_models_best(setting, monkeypatch):
     rays = random_rays(3000)
     for term, value, finest in (("lane_tests", 1e4, True), ("steps", 1e4, False)):
         model = MODEL.model_copy(update={"coefficients": {"rest": {term: value}}})
-        monkeypatch.setattr(auto, "cost_model", lambda *_, model=model: model)
+        monkeypatch.setattr(auto, "cost_models", lambda *_, model=model: {"deferred": model})
         choice = auto.choose(setting, rays, "deferred", TEST)
         best = min(choice.candidates, key=lambda c: c.nanoseconds)
         assert best.density == (auto.DENSITIES[-1] if finest else auto.DENSITIES[0])
@@ -150,6 +161,28 @@ def test_choosing_takes_the_models_best(setting, monkeypatch):
         assert choice.seconds > 0 and str(choice.grid.spec.density) in choice.why
         facts = GridFacts(**choice.grid.describe(), **choice.describe()).model_dump()
         assert facts["chosen"] == choice.why and facts["density"] == choice.grid.density
+
+
+def test_a_stream_is_chosen_for_by_its_own_model_and_told_which_tracer_is_faster(setting, monkeypatch):
+    monkeypatch.setattr(auto, "FEW_RAYS", 100)
+    rays = random_rays(3000)
+    for cost, than in ((1e3, "faster"), (1e6, "slower")):
+        models = {
+            "streamed": MODEL.model_copy(update={"tracer": "streamed", "coefficients": {"rest": {"slots": 1e4}}}),
+            "deferred": MODEL.model_copy(update={"coefficients": {"rest": {"steps": cost}}}),
+        }
+        monkeypatch.setattr(auto, "cost_models", lambda *_, models=models: models)
+        choice = auto.choose(setting, rays, "streamed", TEST)
+        assert f"; deferred, with density {auto.DENSITIES[0]}" in choice.why and f"predicted {than}" in choice.why
+        assert "arrange" not in choice.options_for("streamed", {}) and "batch" in choice.options_for("streamed", {})
+        assert choice.options_for("deferred", {})["arrange"] == "record"
+
+
+def test_streams_with_bins_of_their_own_leave_more_slots_unused(setting):
+    made = [tracers.find("streamed")(setting, TEST, {"streams": str(streams), "lanes": "8"}) for streams in (1, 2)]
+    one, two = (unused_slots(tracer, 100, np.array([0.5]), 1000, 1.0) for tracer in made)
+    assert one < two < 2 * one
+
 
 
 def test_a_trace_on_a_chosen_grid_has_the_hits_of_any_other(device):
@@ -161,20 +194,21 @@ def test_a_trace_on_a_chosen_grid_has_the_hits_of_any_other(device):
 def test_the_model_is_kept_on_file_and_another_state_of_the_kernels_is_another_file(device, tmp_path, monkeypatch):
     monkeypatch.setenv("DEFRAY_CACHE", str(tmp_path))
     monkeypatch.setattr(calibrate, "_calibration_scenes", lambda _: ())
-    monkeypatch.setattr(calibrate, "measured_runs", lambda *_: made_up_runs(MODEL))
-    heard = []
-    first = calibrate.cost_model(device, "deferred", TEST, heard.append)
-    assert calibrate.cost_model(device, "deferred", TEST, heard.append) == first and len(heard) == 1
+    monkeypatch.setattr(calibrate, "measured_runs", lambda *_: both)
+    heard, runs = [], made_up_runs(MODEL)
+    both = [*runs, *(dataclasses.replace(run, tracer="streamed") for run in runs)]
+    first = calibrate.cost_models(device, "deferred", TEST, heard.append)
+    assert calibrate.cost_models(device, "deferred", TEST, heard.append) == first and len(heard) == 1
     file = calibrate.model_file(device, "deferred", TEST)
     file.write_text("{torn")
-    assert calibrate.cost_model(device, "deferred", TEST, heard.append) == first and len(heard) == 2
+    assert calibrate.cost_models(device, "deferred", TEST, heard.append) == first and len(heard) == 2
     monkeypatch.setattr(calibrate, "kernels_digest", lambda: "another")
     assert calibrate.model_file(device, "deferred", TEST) != file
 
 
 @pytest.mark.slow
 def test_fitting_to_a_device_predicts_its_own_runs(device):
-    runs = calibrate.measured_runs(device, "deferred", TEST, calibrate._calibration_scenes(1 << 17))
+    runs = calibrate.measured_runs(device, ("deferred",), TEST, calibrate._calibration_scenes(1 << 17))
     model = fit("deferred", runs)
     ratios = [model.nanoseconds(run.work) * 1e-9 * run.rays / run.seconds["total"] for run in runs]
     assert np.median(np.abs(np.log(ratios))) < 0.3
