@@ -2,9 +2,10 @@
 
     python scripts/validate_auto.py crown dragon sibenik --rays 1M --rounds 3
 
-Per scene it chooses, then times every setting of a sweep, of one tracer, each beside the chosen one; then the best of
-them and the chosen one again, repetitions in turn, which gives the ratios of rates: by processor time over the cores,
-which other work on the machine changes little, and by wall clock. Hits must be the same bit for bit, or it stops.
+Per scene it chooses, then times every resolution of a sweep, of one tracer, with the chosen wave and two others, each
+beside the chosen setting; then the best of them and the chosen one again, repetitions in turn, which gives the ratios
+of rates: by processor time over the cores, which other work on the machine changes little, and by wall clock. Hits must
+be the same bit for bit, or it stops.
 In brackets beside the memory: one reference a triangle, which no grid is smaller than.
 """
 
@@ -90,6 +91,7 @@ class Contestant:
         setting = replace(shared.setting, grid=grid)
         self.tracer = tracers.find(tracer)(setting, intersectors.find("ray-space"), options)
         growth = options.get("growth", "1")
+        self.wave = {"wave": options["wave"], **({} if growth == "1" else {"growth": growth})}
         self.name = f"{name}, wave {options['wave']}" + (f" growth {growth}" if growth != "1" else "")
         self.rays, self.hits = rays, None
         self.time()  # compiles
@@ -116,7 +118,7 @@ def best_of_sweep(shared: SharedScene, rays, arguments, chosen: Contestant) -> t
             print(f"{shared.scene.name} {spec} left out: {error}", file=sys.stderr)
             continue
         usual = grid.bytes if spec == GridSpec(8, 128) else usual
-        for wave in WAVES:
+        for wave in (chosen.wave, *(wave for wave in WAVES if wave != chosen.wave)):
             options = {**calibrate.FAST, **wave} if tracer == "deferred" else wave
             one = Contestant(shared, grid, tracer, options, rays, str(spec))
             if differing(one.hits, chosen.hits):
