@@ -4,9 +4,9 @@
 
 Per scene it chooses, then times every resolution of a sweep, of one tracer, with the chosen wave and two others, each
 beside the chosen setting; then the best of them and the chosen one again, repetitions in turn, which gives the ratios
-of rates: by processor time over the cores, which other work on the machine changes little, and by wall clock. Hits must
-be the same bit for bit, or it stops.
-In brackets beside the memory: one reference a triangle, which no grid is smaller than.
+of rates: by processor time over the cores, which other work on the machine changes little, and by wall clock. Hits
+must be the same bit for bit, or it stops. In brackets beside the memory: one reference a triangle, which no grid is
+smaller than.
 """
 
 from __future__ import annotations
