@@ -164,7 +164,7 @@ def test_sweep_and_report(defray, tmp_path, monkeypatch):
     file.write_text(TIER)
     arguments = ["sweep", str(file), "--tier", "small", "--out", str(out_folder)]
     code, _, error = defray(*arguments)
-    assert code == 0 and "10 runs: 10 valid" in error
+    assert code == 0 and "12 runs: 12 valid" in error
     code, _, error = defray(*arguments)
     assert code == 2 and "pass --resume" in error
     assert defray(*arguments, "--resume")[0] == 0
