@@ -1,0 +1,71 @@
+"""What a CPU does in blocks instead of the library's scans: list compaction, and the layout of bins."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from shapes import soup
+
+from harness import tracers
+from harness.data import GridSpec, Scene
+from harness.grid import build_grid
+from harness.intersectors import INTERSECTORS
+from harness.runtime import cl
+from harness.tracers._base import Setting
+from harness.tracers._bins import Bins
+from harness.tracers._compaction import BLOCKS, blocks_of, compact
+
+LEFT_GRID = 2**64 - 1
+
+
+@pytest.mark.parametrize("count", [1, 2, BLOCKS - 1, BLOCKS, BLOCKS + 1, 3 * BLOCKS + 7, 5000])
+def test_blocks_cover_a_list_once(count):
+    blocks, size = blocks_of(count)
+    assert (blocks - 1) * size < count <= blocks * size and blocks <= BLOCKS
+
+
+@pytest.mark.parametrize("is_cpu", [True, False])
+@pytest.mark.parametrize("count", [1, BLOCKS - 1, BLOCKS + 1, 5000])
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_compaction_keeps_the_unfinished_rays_in_order(device, is_cpu, count, share):
+    generator = np.random.default_rng(count)
+    active = generator.permutation(count + 50)[:count].astype(np.int32)
+    gone, hit = generator.random((2, count + 50)) < share
+    t_exit = np.full(count + 50, 2.0, np.float32)
+    best_t = np.where(hit, 1.0, 3.0).astype(np.float32)
+    arrays = {
+        "positions": np.where(gone, np.uint64(LEFT_GRID), np.uint64(7)),
+        "keys": best_t.view(np.uint32).astype(np.uint64) << np.uint64(32),
+        "t_exit": t_exit,
+    }
+    batch = SimpleNamespace(**{name: cl.array.to_device(device.queue, value) for name, value in arrays.items()})
+    listed, kept = cl.array.to_device(device.queue, active), cl.array.empty(device.queue, count, np.int32)
+    found = compact(dataclasses.replace(device, is_cpu=is_cpu), listed, kept, batch, count)
+    expected = active[~(gone | hit)[active]]
+    assert kept.get()[:found].tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize("fullest", [1, 9, 1000])
+def test_bins_are_laid_out_in_blocks_as_by_the_librarys_scan(device, fullest):
+    setting = Setting.on_device(Scene("soup", soup(700)), device)
+    setting = dataclasses.replace(setting, grid=build_grid(setting.device_scene, GridSpec(2, 16)))
+    counts = np.random.default_rng(fullest).integers(0, fullest + 1, setting.grid.nonempty + 1).astype(np.int32)
+    laid_out = []
+    for is_cpu in (True, False):
+        other = dataclasses.replace(device, is_cpu=is_cpu)
+        options = {"lanes": "8", "form": "lanes"}
+        tracer = tracers.find("deferred")(
+            dataclasses.replace(setting, device=other), INTERSECTORS["ray-space"], options
+        )
+        bins = Bins(tracer)
+        bins.cell_count[: len(counts)].set(counts)
+        bins.lay_out()
+        cells = bins.cells
+        chunks = -(-counts[:cells] // 8)
+        assert bins.chunks == chunks.sum() > 0
+        assert bins.chunk_start.get()[: cells + 1].tolist() == [0, *np.cumsum(chunks).tolist()]
+        assert bins.chunk_cell.get()[: bins.chunks].tolist() == np.repeat(np.arange(cells), chunks).tolist()
+        empty = bins.pairs.get()[: 8 * bins.chunks].reshape(-1, 8)
+        laid_out.append((bins.cursor.get()[:cells], np.flatnonzero(empty[:, -1] == -1)))
+    assert all((a == b).all() for a, b in zip(*laid_out, strict=True))
