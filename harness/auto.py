@@ -28,7 +28,6 @@ TRIAL = DENSITY / 2  # of the grid built on trial: in the middle of what is chos
 WAVES = ((2, 1), (2, 2), (4, 1), (4, 2), (6, 1), (8, 2))  # wave and growth
 BATCHES = (1 << 20, 1 << 22)
 FEW_RAYS = 1 << 16  # of fewer, tracing takes less time than choosing could save
-UNCHOSEN_WAVE = {"wave": "4"}
 DEFERRED = ("deferred", "streamed")
 
 
@@ -104,7 +103,7 @@ def choose(
     if len(rays) < FEW_RAYS:
         why = f"density {DENSITY:g}, the default: {len(rays):,} rays are too few for choosing to pay"
         grid = build_grid(setting.device_scene, spec_of(DENSITY))
-        return Choice(grid, {"deferred": {**FAST, **UNCHOSEN_WAVE}, "streamed": UNCHOSEN_WAVE}, why, 0.0, 0.0)
+        return Choice(grid, {"deferred": FAST}, why, 0.0, 0.0)
     family, given = tracer if tracer in DEFERRED else "forward", given or {}
     trial = build_grid(setting.device_scene, spec_of(TRIAL))
     models = cost_models(setting.device, family, intersector, tell)

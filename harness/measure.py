@@ -147,8 +147,9 @@ class SharedScene:
         """The checker of the latest ray set: it remembers every ray settled exactly."""
         if spec.check not in self._checkers:
             embree = self.reference if spec.check == "embree" and len(self.scene) < LARGE else None
-            oracle = functools.partial(getattr, self, "oracle")
-            self._checkers[spec.check] = Checker(self.scene.triangles, rays, spec.check, self.active, embree, oracle)
+            self._checkers[spec.check] = Checker(
+                self.scene.triangles, rays, spec.check, self.active, embree, lambda: self.oracle
+            )
         return self._checkers[spec.check]
 
 

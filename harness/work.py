@@ -145,11 +145,6 @@ def _count_chunks(f: Facts) -> Work:
     return _plain(0, 4 * f.cells * f.waves)
 
 
-def _lay_out_blocks(f: Facts) -> Work:
-    """As `_lay_out_bins`, the offsets written instead of read."""
-    return _lay_out_bins(f)
-
-
 def _join_blocks(f: Facts) -> Work:
     """Unfinished rays read and written."""
     return _plain(0, 8 * max(f.walked - f.rays, 0))
@@ -260,7 +255,7 @@ KERNELS: dict[str, Callable[[Facts], Work]] = {
     "rank_pairs": _rank_pairs,
     "lay_out_bins": _lay_out_bins,
     "count_chunks": _count_chunks,
-    "lay_out_blocks": _lay_out_blocks,
+    "lay_out_blocks": _lay_out_bins,  # offsets are written instead of read
     "keep_in_blocks": _compaction,
     "join_blocks": _join_blocks,
     "scatter_pairs": _scatter_pairs,

@@ -1,11 +1,13 @@
 // Binning: bins are padded to whole chunks of LANES pairs of one cell, the intersector's unit of work.
 #include "common.clh"
 
+inline int chunks_of(int count) { return (count + LANES - 1) / LANES; }
+
 // Lays out a bin from its first chunk on: writes each chunk's cell, marks the unused slots of the last, and sets the
 // packing cursor. Returns the next bin's first chunk.
 inline int lay_out_bin(int cell, int count, int first, global int *chunk_cell, global Pair *pairs, global int *cursor)
 {
-    const int last = first + (count + LANES - 1) / LANES;
+    const int last = first + chunks_of(count);
     cursor[cell] = first * LANES;
     for (int chunk = first; chunk < last; ++chunk)
         chunk_cell[chunk] = cell;
@@ -33,7 +35,7 @@ kernel void count_chunks(const int cells, const int block, global const int *cel
     const int end = (int)min(first + block, (size_t)cells);
     int chunks = 0;
     for (int cell = (int)first; cell < end; ++cell)
-        chunks += (cell_count[cell] + LANES - 1) / LANES;
+        chunks += chunks_of(cell_count[cell]);
     block_chunks[first / block] = chunks;
 }
 

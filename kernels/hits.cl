@@ -1,6 +1,8 @@
 // From best keys to hits, the same kernel for every tracer, LANES rays a work-item.
 #include "intersect.clh"
 
+#define HITS_AHEAD (4 * LANES)  // rays between the one written and the one whose triangle is asked for
+
 // Undoes the direction's scaling and evaluates u and v of the winning triangle.
 kernel void write_hits(const int count, global const Ray *rays, global const ulong *keys,
                        global const float *triangles, global float *t, global int *primitive, global float *u,
@@ -9,6 +11,13 @@ kernel void write_hits(const int count, global const Ray *rays, global const ulo
     const int first = get_global_id(0) * LANES;
     if (first >= count)
         return;
+#ifdef fetch_line
+    for (int lane = 0; lane < LANES; ++lane) {
+        const int later = (int)key_primitive(keys[min(first + lane + HITS_AHEAD, count - 1)]);
+        fetch_line(triangles + (size_t)max(later, 0) * STORED_FLOATS);
+        fetch_line(triangles + (size_t)max(later, 0) * STORED_FLOATS + STORED_FLOATS - 1);
+    }
+#endif
     float field[6][LANES], values[STORED_FLOATS][LANES];
     int hit[LANES];
     for (int lane = 0; lane < LANES; ++lane) {

@@ -61,6 +61,8 @@ def test_bins_are_laid_out_in_blocks_as_by_the_librarys_scan(device, fullest):
         bins = Bins(tracer)
         bins.cell_count[: len(counts)].set(counts)
         bins.lay_out()
+        bins.pairs.fill(7)
+        bins.lay_out()
         cells = bins.cells
         chunks = -(-counts[:cells] // 8)
         assert bins.chunks == chunks.sum() > 0

@@ -26,7 +26,8 @@ def select(runs: Runs) -> pd.DataFrame:
     deferred = ((rows["tracer"] == "deferred") & (rows["intersector"] == "ray-space") & (rows["options"] == "")
                 & (rows["grid"] == runs.grid))
     embree = (rows["tracer"] == "embree") & rows["options"].isin(("", "robust=true"))
-    rows = rows[(deferred | embree) & rows["total"].notna()]
+    # One repetition has no interval: those runs, of a few hundred rays, are there to be held against brute force.
+    rows = rows[(deferred | embree) & rows["total"].notna() & (rows["repetitions"] > 1)]
     rows = rows.sort_values("beside", key=lambda name: name != runs.grid, kind="stable")  # Embree's beside ours first
     rows = rows.drop_duplicates(["scene", "view", "seed", "tracer", "rays"])
     found = []
