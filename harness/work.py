@@ -136,8 +136,8 @@ def _rank_pairs(f: Facts) -> Work:
 
 
 def _lay_out_bins(f: Facts) -> Work:
-    """Counts and offsets read, cursors, cells of chunks and padding written."""
-    return _plain(0, 12 * f.cells * f.waves + 4 * f.chunks + f.counters.padding * f.pair_bytes)
+    """Counts and offsets read, cursors and cells of chunks written."""
+    return _plain(0, 12 * f.cells * f.waves + 4 * f.chunks)
 
 
 def _count_chunks(f: Facts) -> Work:
@@ -184,8 +184,8 @@ def _intersect_bins(f: Facts) -> Work:
     loads = f.counters.lane_tests // f.lanes
     own = 4 * f.chunks + f.chunks * f.lanes * f.pair_bytes + 2 * KEY * f.hits
     gathered = 0 if f.pair_bytes > 4 else RAY + KEY
-    least = f.table(4 * f.cells, 8 * f.chunks) + min(gathered * f.walked, gathered * f.counters.pairs)
-    most = 8 * f.chunks + gathered * f.counters.pairs + loads * (4 + f.triangle_bytes)
+    least = f.table(12 * f.cells, 16 * f.chunks) + min(gathered * f.walked, gathered * f.counters.pairs)
+    most = 16 * f.chunks + gathered * f.counters.pairs + loads * (4 + f.triangle_bytes)
     tests = f.counters.tests * f.test_flops
     return Work(tests, f.counters.lane_tests * f.test_flops, own + least + _test_tables(f, loads), own + most)
 

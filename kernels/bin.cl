@@ -3,27 +3,25 @@
 
 inline int chunks_of(int count) { return (count + LANES - 1) / LANES; }
 
-// Lays out a bin from its first chunk on: writes each chunk's cell, marks the unused slots of the last, and sets the
-// packing cursor. Returns the next bin's first chunk.
-inline int lay_out_bin(int cell, int count, int first, global int *chunk_cell, global Pair *pairs, global int *cursor)
+// Lays out a bin from its first chunk on: writes each chunk's cell and sets the packing cursor. Returns the next bin's
+// first chunk.
+inline int lay_out_bin(int cell, int count, int first, global int *chunk_cell, global int *cursor)
 {
     const int last = first + chunks_of(count);
     cursor[cell] = first * LANES;
     for (int chunk = first; chunk < last; ++chunk)
         chunk_cell[chunk] = cell;
-    for (int slot = first * LANES + count; slot < last * LANES; ++slot)
-        pairs[slot] = NO_PAIR;
     return last;
 }
 
 // Lays out all bins, whose first chunks are known.
 kernel void lay_out_bins(const int cells, global const int *cell_count, global const int *chunk_start,
-                         global int *chunk_cell, global Pair *pairs, global int *cursor)
+                         global int *chunk_cell, global int *cursor)
 {
     const int cell = get_global_id(0);
     if (cell >= cells)
         return;
-    lay_out_bin(cell, cell_count[cell], chunk_start[cell], chunk_cell, pairs, cursor);
+    lay_out_bin(cell, cell_count[cell], chunk_start[cell], chunk_cell, cursor);
 }
 
 // On CPUs, where a work-item streams through a block of cells: the chunks of each block.
@@ -42,7 +40,7 @@ kernel void count_chunks(const int cells, const int block, global const int *cel
 // ... and the first chunk of each bin and one beyond the last, with the bins laid out.
 kernel void lay_out_blocks(const int cells, const int block, global const int *cell_count,
                            global const int *block_chunks, global int *chunk_start, global int *chunk_cell,
-                           global Pair *pairs, global int *cursor)
+                           global int *cursor)
 {
     const size_t first = get_global_id(0) * (size_t)block;
     if (first >= (size_t)cells)
@@ -53,7 +51,7 @@ kernel void lay_out_blocks(const int cells, const int block, global const int *c
         chunk += block_chunks[b];
     for (int cell = (int)first; cell < end; ++cell) {
         chunk_start[cell] = chunk;
-        chunk = lay_out_bin(cell, cell_count[cell], chunk, chunk_cell, pairs, cursor);
+        chunk = lay_out_bin(cell, cell_count[cell], chunk, chunk_cell, cursor);
     }
     if (end == cells)
         chunk_start[cells] = chunk;

@@ -58,15 +58,14 @@ intersect_bins_group(const int count, const int cells, global const int *bin_sta
     const int cell = bin_of(bin_start, ends[0], ends[1] + 1, place);
     const int begin = cell_start[cell], end = cell_start[cell + 1];
 
+    const int used = first + me <= last;  // else it helps to load, and hits nothing
     real best_t;
     lane_index ray, best = -1;
 #ifdef COPY_RAYS
-    const RayLanes lanes = load_rays(pairs + place, &best_t, &ray);
+    const RayLanes lanes = load_rays(pairs + place, used, &best_t, &ray);
 #else
-    const RayLanes lanes = gather_rays(rays, keys, pairs + place, &best_t, &ray);
+    const RayLanes lanes = gather_rays(rays, keys, pairs + place, used, &best_t, &ray);
 #endif
-    if (first + me > last)  // helps to load, hits nothing
-        best_t = -1.0f, ray = -1;
 
     if (shared) {
         for (int from = begin; from < end; from += TILE) {
@@ -89,6 +88,6 @@ intersect_bins_group(const int count, const int cells, global const int *bin_sta
     }
     keep_hits(keys, ray, best_t, best);
     if (shared || ray >= 0) {
-        COUNT_CHUNK(ray, end - begin)
+        COUNT_CHUNK(ray >= 0, end - begin)
     }
 }

@@ -73,9 +73,10 @@ cold_path void intersect_chunk(const Stream *s, const Chunk *chunk)
     const int begin = s->cell_start[chunk->cell], end = s->cell_start[chunk->cell + 1];
     real best_t;
     const lane_index ray_of_lane = load_lane_indices(chunk->ray);
+    const int used = used_lanes(ray_of_lane);
     lane_index best = (lane_index)(-1);
     const RayLanes lanes = gather_chunk(s, ray_of_lane, &best_t);
-    test_chunk(&lanes, ray_of_lane, s->triangles, s->references, begin, end, &best_t, &best);
+    test_chunk(&lanes, used, s->triangles, s->references, begin, end, &best_t, &best);
     if (mask_any(best >= 0)) {
         float t[LANES];
         int primitive[LANES];
@@ -92,9 +93,9 @@ cold_path void intersect_chunk(const Stream *s, const Chunk *chunk)
     }
 #ifdef COUNT_WORK
     global ulong *counters = s->counters;
-    atom_add(s->wave_counters, (ulong)(LANES - used_lanes(ray_of_lane)));
+    atom_add(s->wave_counters, (ulong)(LANES - used));
 #endif
-    COUNT_CHUNK(ray_of_lane, end - begin)
+    COUNT_CHUNK(used, end - begin)
 }
 
 // Moves a cell's chunk into the queue, asks for what it needs, and intersects the oldest one there.

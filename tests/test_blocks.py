@@ -5,13 +5,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from shapes import soup
+from shapes import random_rays, soup
 
 from harness import tracers
-from harness.data import GridSpec, Scene
+from harness.data import GridSpec, Scene, differing
 from harness.grid import build_grid
 from harness.intersectors import INTERSECTORS
 from harness.runtime import cl
+from harness.stopwatch import Stopwatch
 from harness.tracers._base import Setting
 from harness.tracers._bins import Bins
 from harness.tracers._compaction import BLOCKS, blocks_of, compact
@@ -61,13 +62,28 @@ def test_bins_are_laid_out_in_blocks_as_by_the_librarys_scan(device, fullest):
         bins = Bins(tracer)
         bins.cell_count[: len(counts)].set(counts)
         bins.lay_out()
-        bins.pairs.fill(7)
-        bins.lay_out()
         cells = bins.cells
         chunks = -(-counts[:cells] // 8)
         assert bins.chunks == chunks.sum() > 0
         assert bins.chunk_start.get()[: cells + 1].tolist() == [0, *np.cumsum(chunks).tolist()]
         assert bins.chunk_cell.get()[: bins.chunks].tolist() == np.repeat(np.arange(cells), chunks).tolist()
-        empty = bins.pairs.get()[: 8 * bins.chunks].reshape(-1, 8)
-        laid_out.append((bins.cursor.get()[:cells], np.flatnonzero(empty[:, -1] == -1)))
-    assert all((a == b).all() for a, b in zip(*laid_out, strict=True))
+        laid_out.append(bins.cursor.get()[:cells].tolist())
+    assert laid_out[0] == laid_out[1] == (8 * np.cumsum([0, *chunks[:-1]])).tolist()
+
+
+@pytest.mark.parametrize("pairs", ["index", "copy"])
+@pytest.mark.parametrize(("lanes", "form"), [("1", "lanes"), ("8", "lanes"), ("1", "group")])
+def test_what_lies_in_the_unused_slots_of_bins_is_never_tested(device, pairs, lanes, form):
+    """Rays of an earlier trace have hits of their own, which fewer, later rays must not get."""
+    setting = Setting.on_device(Scene("soup", soup(700)), device)
+    setting = dataclasses.replace(setting, grid=build_grid(setting.device_scene, GridSpec(2, 16)))
+    options = {"lanes": lanes, "form": form, "pairs": pairs, "arrange": "record"}
+
+    def fresh():
+        return tracers.find("deferred")(setting, INTERSECTORS["ray-space"], options)
+
+    used = fresh()
+    earlier = used.trace(random_rays(3000, seed=1), Stopwatch(device.queue))
+    assert np.isfinite(earlier.t).any()
+    few = random_rays(53, seed=2)
+    assert not differing(used.trace(few, Stopwatch(device.queue)), fresh().trace(few, Stopwatch(device.queue)))

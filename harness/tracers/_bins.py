@@ -45,7 +45,7 @@ class Bins:
         self.bin_program.launch(
             "lay_out_bins",
             self.cells,
-            *(self.cells, self.cell_count, self.chunk_start, self.chunk_cell, self.pairs, self.cursor),
+            *(self.cells, self.cell_count, self.chunk_start, self.chunk_cell, self.cursor),
         )
 
     def _lay_out_in_blocks(self) -> None:
@@ -56,7 +56,7 @@ class Bins:
         self.chunks = int(block_chunks.get()[:blocks].sum(dtype=np.int64))
         self._make_room()
         inputs = self.cells, size, self.cell_count, block_chunks
-        outputs = self.chunk_start, self.chunk_cell, self.pairs, self.cursor
+        outputs = self.chunk_start, self.chunk_cell, self.cursor
         self.bin_program.launch("lay_out_blocks", blocks, *inputs, *outputs)
 
     def _make_room(self) -> None:
@@ -76,8 +76,8 @@ class Bins:
         self.intersect_program.launch(
             "intersect_bins",
             self.chunks,
-            *(self.chunks, self.chunk_cell, self.pairs, grid.cell_start, grid.references),
-            *(self.tracer.triangles, batch.rays, batch.keys, *self.tracer.counting),
+            *(self.chunks, self.chunk_cell, self.chunk_start, self.cell_count, self.pairs),
+            *(grid.cell_start, grid.references, self.tracer.triangles, batch.rays, batch.keys, *self.tracer.counting),
         )
 
 
