@@ -25,7 +25,7 @@ from harness.tracers._base import DeviceTracer, Setting
 TOLERANCE = 0.05
 DENSITIES = tuple(DENSITY * 2.0**k for k in range(-3, 4))
 TRIAL = DENSITY / 2  # of the grid built on trial: in the middle of what is chosen, and so often the one
-WAVES = ((2, 1), (2, 2), (4, 1), (4, 2), (6, 1), (8, 2))  # wave and growth
+WAVES = ((2, 1), (2, 2), (3, 2), (4, 1), (4, 2), (8, 2))  # wave and growth
 BATCHES = (1 << 20, 1 << 22)
 FEW_RAYS = 1 << 16  # of fewer, tracing takes less time than choosing could save
 DEFERRED = ("deferred", "streamed")
