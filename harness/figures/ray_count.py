@@ -6,7 +6,7 @@ import pandas as pd
 
 from harness.figures import style
 from harness.figures.powers import power_text, with_power
-from harness.figures.runs import Runs
+from harness.figures.runs import Runs, robust_embree
 from harness.figures.size_ladder import LOOKS, SPARE
 from harness.stats import interval
 
@@ -25,9 +25,9 @@ def select(runs: Runs) -> pd.DataFrame:
     rows = runs.every_diffuse
     deferred = ((rows["tracer"] == "deferred") & (rows["intersector"] == "ray-space") & (rows["options"] == "")
                 & (rows["grid"] == runs.grid))
-    embree = (rows["tracer"] == "embree") & rows["options"].isin(("", "robust=true"))
+    rows = pd.concat([rows[deferred], robust_embree(rows)])
     # One repetition has no interval: those runs, of a few hundred rays, are there to be held against brute force.
-    rows = rows[(deferred | embree) & rows["total"].notna() & (rows["repetitions"] > 1)]
+    rows = rows[rows["total"].notna() & (rows["repetitions"] > 1)]
     rows = rows.sort_values("beside", key=lambda name: name != runs.grid, kind="stable")  # Embree's beside ours first
     rows = rows.drop_duplicates(["scene", "view", "seed", "tracer", "rays"])
     found = []

@@ -279,6 +279,11 @@ def beside(rows: pd.DataFrame, run: pd.Series) -> pd.DataFrame:
     return rows
 
 
+def robust_embree(rows: pd.DataFrame) -> pd.DataFrame:
+    """Those of `rows` that are Embree's in its robust mode, its default."""
+    return rows[(rows["tracer"] == "embree") & rows["options"].isin(("", "robust=true"))]
+
+
 def resolution_of(grid: dict) -> float:
     """Leaf cells an axis over the whole scene; NaN where they differ from place to place."""
     if grid.get("reading") == "total":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.break_even import Cost, rays_to_break_even
-from harness.figures.runs import Runs, beside, best
+from harness.figures.runs import Runs, beside, best, robust_embree
 
 ORDER = 66
 SECTION = "End to end"
@@ -20,12 +20,14 @@ def select(runs: Runs) -> pd.DataFrame:
 
 
 def _scene(scene: pd.DataFrame, rows: pd.DataFrame) -> dict | None:
-    picked = {tracer: best(scene[scene["tracer"] == tracer]) for tracer in ("deferred", "forward", "embree")}
+    embree = robust_embree(scene)
+    picked = {tracer: best(scene[scene["tracer"] == tracer]) for tracer in ("deferred", "forward")}
+    picked["embree"] = best(embree)
     ours = picked.pop("deferred")
     if ours is None or all(other is None for other in picked.values()):
         return None
     if picked["embree"] is not None:
-        picked["embree"] = best(beside(scene[scene["tracer"] == "embree"], ours))
+        picked["embree"] = best(beside(embree, ours))
     found = {"scene": ours["title"], "rays": ours["rays"], "deferred_variant": ours["label"],
              "deferred_grid": ours["grid"], **_numbers("deferred", ours, scene)}
     for tracer, other in picked.items():
