@@ -96,11 +96,11 @@ def test_work_of_the_intersection_by_hand():
     chunks, loads = 240 // 8, 1600 // 8
     assert (found.flops, found.executed_flops) == (39_000, 62_400)
     own = 4 * chunks + 240 * 32 + 16 * 90
-    assert found.uncached_bytes == own + 8 * chunks + 40 * loads
+    assert found.uncached_bytes == own + 16 * chunks + 40 * loads
     # Both launches together read fewer triangles than the scene has, so that a cache would save nothing here.
-    assert found.bytes == own + 8 * chunks + 40 * loads
+    assert found.bytes == own + 16 * chunks + 40 * loads
     many = dataclasses.replace(FACTS, counters=dataclasses.replace(FACTS.counters, lane_tests=160_000))
-    assert work_of("intersect_bins", many).bytes == own + 8 * chunks + 2 * (4 * 300 + 36 * 120)
+    assert work_of("intersect_bins", many).bytes == own + 16 * chunks + 2 * (4 * 300 + 36 * 120)
     gathered = work_of("intersect_bins", dataclasses.replace(FACTS, pair_bytes=4))
     assert gathered.bytes == found.bytes - 240 * 28 + 40 * 150
     assert gathered.uncached_bytes == found.uncached_bytes - 240 * 28 + 40 * 200
