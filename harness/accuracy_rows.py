@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from harness.data import CLASSES
 from harness.digest import check_schema
 from harness.errors import DefrayError
 from harness.machines import key_of
@@ -21,7 +22,6 @@ from harness.record_schema import Agreement, Part, Provenance, Rate, RayFacts, R
 SCHEMA = 2  # 1 had no digests; `defray migrate` brings it here
 FILE = "accuracy.jsonl"
 PRECISION_FILE = "precision.jsonl"
-CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")
 
 
 class GridPlace(Part):

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from harness.data import MISS, Hits, Rays
+from harness.data import CLASSES, MISS, Hits, Rays
 from harness.embree import EmbreeScene
 from harness.errors import known
 from harness.exact import Measure, measure
@@ -37,7 +37,6 @@ MOST_SETTLED = 4096  # disputes of a run that are settled exactly; a run with mo
 WORST_BAND = 2.0**40  # stands for any greater distance, a hit on a triangle without area included
 
 _CHUNK = 1 << 16  # rays compared at once by a thread
-CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")
 SAME, TIE, T_OFF, WRONG, MISSED, PHANTOM = range(len(CLASSES))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 ADAPTIVE_LEAF = 16  # leaf cells per axis that a top cell of an adaptive grid has at most, unless said otherwise
 MISS = -1  # primitive index of a ray that hits nothing
+CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")  # of a hit beside the reference's: harness/check.py
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from rich.console import Console, Group
 from rich.markup import escape
 from rich.table import Table
 
-CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")
+from harness.data import CLASSES
 
 
 def print_table(table: Table) -> None:

@@ -15,8 +15,6 @@ SECTION = "End to end"
 TITLE = "Rates published elsewhere: other hardware and rays"
 NEEDS = "diffuse runs of the deferred tracer or of Embree on a scene that others measured"
 OURS = "this machine"
-LOOKS = {"sponza": (style.BLUE, "o"), "conference": (style.ORANGE, "s"), "hairball": (style.GREEN, "^"),
-         "crown": (style.RED, "D"), "san-miguel": (style.PINK, "v")}
 
 
 def select(runs: Runs) -> pd.DataFrame:
@@ -75,7 +73,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     figure = style.canvas(0.85 + (0.36 if narrow else 0.25) * len(systems), narrow)
     axis = figure.subplots()
     for name, rows in numbers.groupby("name", sort=False):
-        colour, marker = LOOKS.get(name, (style.GREY, "P"))
+        colour, marker = style.SCENE_LOOKS.get(name, (style.GREY, "P"))
         for ours, part in rows.groupby(rows["hardware"] == OURS):
             places = [systems.index(key) for key in zip(part["system"], part["hardware"], strict=True)]
             axis.plot(part["rate_mrays_per_s"], places, linestyle="none", marker=marker, color=colour, markersize=5,

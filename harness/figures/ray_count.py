@@ -7,7 +7,7 @@ import pandas as pd
 from harness.figures import style
 from harness.figures.powers import power_text, with_power
 from harness.figures.runs import Runs, robust_embree
-from harness.figures.size_ladder import LOOKS, SPARE
+from harness.figures.size_ladder import SPARE
 from harness.stats import interval
 
 ORDER = 47
@@ -85,7 +85,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     figure = style.canvas(5.6 if narrow else 3.4, narrow)
     axes = figure.subplots(2, 1, sharex=True) if narrow else figure.subplots(1, 2)
     spare = iter(SPARE * len(numbers))
-    looks = {name: LOOKS.get(name) or next(spare) for name in dict.fromkeys(numbers["name"])}
+    looks = {name: style.SCENE_LOOKS.get(name) or next(spare) for name in dict.fromkeys(numbers["name"])}
     for axis, (column, label) in zip(axes, PANELS, strict=True):
         for (name, tracer), rows in numbers.groupby(["name", "tracer"], sort=False):
             _line(axis, rows, column, tracer, looks[name])

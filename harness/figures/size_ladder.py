@@ -13,8 +13,6 @@ SECTION = "Size of the scene"
 TITLE = "Rate and speed-up over the number of triangles of one scene"
 NEEDS = "diffuse runs of the deferred and the work-optimal tracer on at least three sizes of one scene, on one grid"
 REAL, STAND_IN = "real geometry", "stand-in"
-LOOKS = {"sponza": (style.BLUE, "o"), "conference": (style.ORANGE, "s"), "hairball": (style.GREEN, "^"),
-         "crown": (style.RED, "D"), "san-miguel": (style.PINK, "v")}
 SPARE = ((style.SKY, "P"), (style.GREY, "X"))
 PANELS = (("rate_mrays_per_s", "deferred, whole trace\n(million rays/s)"),
           ("speedup", "speed-up of intersection\nover work-optimal (×)"))
@@ -90,7 +88,7 @@ def draw(runs: Runs, numbers: pd.DataFrame, narrow: bool):
     axes = figure.subplots(2, 1, sharex=True) if narrow else figure.subplots(1, 2)
     names = list(dict.fromkeys(numbers["scene"]))
     spare = iter(SPARE * len(names))
-    looks = {name: LOOKS.get(name) or next(spare) for name in names}
+    looks = {name: style.SCENE_LOOKS.get(name) or next(spare) for name in names}
     for axis, (column, label) in zip(axes, PANELS, strict=True):
         for (_, kind), rows in numbers.dropna(subset=[column]).groupby(["scene", "kind"], sort=False):
             _line(axis, rows, column, kind, looks[rows["scene"].iloc[0]])

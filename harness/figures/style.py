@@ -38,6 +38,8 @@ TRACER_MARKERS = {"deferred": "o", "streamed": "P", "forward": "s", "work-optima
 INTERSECTOR_COLOURS = {"ray-space": BLUE, "moller-trumbore": ORANGE}
 INTERSECTOR_MARKERS = {"ray-space": "o", "moller-trumbore": "s"}
 INTERSECTOR_TITLES = {"ray-space": "ray space", "moller-trumbore": "Möller–Trumbore"}
+SCENE_LOOKS = {"sponza": (BLUE, "o"), "conference": (ORANGE, "s"), "hairball": (GREEN, "^"), "crown": (RED, "D"),
+               "san-miguel": (PINK, "v")}
 MACHINE_LOOKS = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."), (RED, "v", ":"))
 SPARE = ((PINK, "P"), (SKY, "X"), (GREEN, "^"), (GREY, "v"))
 STAGE_COLOURS = {"traverse": SKY, "arrange": ORANGE, "intersect": BLUE, "compact": GREEN, "other": GREY}

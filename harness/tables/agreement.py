@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pandas as pd
 
+from harness.data import CLASSES
 from harness.figures.runs import Runs
 
 ORDER = 80
 SECTION = "Correctness and work"
 TITLE = "Agreement of hits with the reference"
 NEEDS = "any run"
-COUNTS = ("same", "tie", "t_off", "wrong", "missed", "phantom", "reference_wrong", "settled", "nonfinite")
+COUNTS = (*CLASSES, "reference_wrong", "settled", "nonfinite")
 
 
 def select(runs: Runs) -> pd.DataFrame:
