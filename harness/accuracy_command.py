@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.options import DeviceOption, JsonOption
+from harness.options import DeviceOption, JsonOption, print_json
 
 if TYPE_CHECKING:
     from harness.accuracy import Contender, Plan
@@ -63,14 +62,12 @@ def accuracy(
     is interrupted before goes on with --resume from the start of that scene.
     """
     parts = _parts(scenes or [], tier, rays, aimed, repetitions)
-    if variants is not None:
-        contenders = parse_contenders(variants)
-        parts = [replace(part, contenders=contenders) for part in parts]
-    if precision:
-        parts = [replace(part, precision=True) for part in parts]
+    given = {} if variants is None else {"contenders": parse_contenders(variants)}
+    given |= {"precision": True} if precision else {}
+    parts = [replace(part, **given) for part in parts]
     rows = run_accuracy(AccuracyRequest(parts, out, resume, device))
     if json:
-        typer.echo(json_module.dumps(rows, allow_nan=False, ensure_ascii=False))
+        print_json(rows)
 
 
 def recommend(
@@ -108,7 +105,7 @@ def recommend(
 
         advice = module.recommend(scene, module.Limits(max_leaks, max_t_error), folder, device, say)
     if json:
-        typer.echo(json_module.dumps(module.as_json(advice), allow_nan=False, ensure_ascii=False))
+        print_json(module.as_json(advice))
     else:
         for note in advice.notes:
             typer.echo(f"measured here: {note}")

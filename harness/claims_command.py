@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from harness.options import JsonOption
+from harness.options import JsonOption, print_json
 
 
 def claims(
@@ -16,8 +16,6 @@ def claims(
 ) -> None:
     """Judge the paper's claims by a sweep's records: reproduced, shape only, contradicted, inconclusive, or not
     attempted and why, on each machine of the folder. The rules stand in harness/paper/claims.toml."""
-    import json as json_module
-
     from harness.claims import claims_table, judge_all
     from harness.claims.judge import as_document
     from harness.report import read_machines
@@ -27,8 +25,7 @@ def claims(
     judged = [judge_all(runs) for runs in machines]
     if json:
         documents = [as_document(one, runs) for one, runs in zip(judged, machines, strict=True)]
-        typer.echo(json_module.dumps(documents[0] if len(documents) == 1 else documents, allow_nan=False,
-                                     ensure_ascii=False))
+        print_json(documents[0] if len(documents) == 1 else documents)
         return
     for one, runs in zip(judged, machines, strict=True):
         print_table(claims_table(one, runs.machine or runs.device))

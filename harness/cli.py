@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 import os
 import sys
 from pathlib import Path
@@ -22,6 +21,7 @@ from harness.options import (
     ReadingOption,
     SeedOption,
     TopOption,
+    print_json,
 )
 from harness.scenes_command import scenes_app
 from harness.stability.command import stability
@@ -129,7 +129,7 @@ def trace(
     specs = list(interleaved(scene, [Variant.parse(text)], [chosen], **common))
     record = _measure(specs, device)[0]
     if json:
-        _print_json(record)
+        print_json(record)
     else:
         from harness.show import print_table, record_table
 
@@ -166,7 +166,6 @@ def compare(
     """Compare variants on the same rays, repetitions interleaved, as ratios with confidence intervals."""
     from harness.compare import comparison
     from harness.plan import interleaved, make_grid
-    from harness.scene import check_name
     from harness.spec import Variant
 
     if len(variants) < 2:
@@ -174,18 +173,13 @@ def compare(
     chosen = make_grid(top, leaf, reading, density, grid)
     common = _common(rays, kind, seed, view, repetitions, check)
     parsed = [Variant.parse(text) for text in variants]
-    named = list(dict.fromkeys(name.strip() for name in scenes.split(",") if name.strip()))
-    if not named:
-        raise DefrayError(f"--scenes '{scenes}' names no scene")
-    for name in named:
-        check_name(name)
-    groups = [list(interleaved(name, parsed, [chosen], **common)) for name in named]
+    groups = [list(interleaved(name, parsed, [chosen], **common)) for name in _named(scenes)]
     if any(len({spec.id for spec in group}) < len(group) for group in groups):
         raise DefrayError("the same variant is named twice")
     results = [comparison(group, _measure(group, device)) for group in groups]
     records = [record for result in results for record in result["records"]]
     if json:
-        _print_json(results)
+        print_json(results)
     else:
         from harness.show import comparison_table, print_table
 
@@ -288,6 +282,18 @@ def _records_of(folder: Path) -> Path:
     return file
 
 
+def _named(scenes: str) -> list[str]:
+    """Scenes of `A,B`, each once; raises DefrayError where there is none, or one that is not known."""
+    from harness.scene import check_name
+
+    names = list(dict.fromkeys(name.strip() for name in scenes.split(",") if name.strip()))
+    if not names:
+        raise DefrayError(f"--scenes '{scenes}' names no scene")
+    for name in names:
+        check_name(name)
+    return names
+
+
 def _common(rays: str, kind: str, seed: int, view: str | None, repetitions: int, check: str) -> dict:
     """Checked fields that all runs of one command share."""
     from harness.errors import known
@@ -335,10 +341,6 @@ def _measure(specs: list, device_part: str | None) -> list[dict]:
         for spec, body in run_group(specs, device, progress):
             done[spec.id] = finish(body, spec, device)
     return [done[spec.id] for spec in specs]
-
-
-def _print_json(value) -> None:
-    typer.echo(json_module.dumps(value, allow_nan=False, ensure_ascii=False))
 
 
 def _exit_by_checks(records: list[dict]) -> None:

@@ -1,8 +1,9 @@
-"""Command-line options that several commands share. Imports nothing but Typer, so that `--help` is instant."""
+"""What several commands share: options, and how they print JSON. Imports no more, so that `--help` is instant."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import json
+from typing import Annotated, Any
 
 import typer
 
@@ -33,3 +34,8 @@ ReadingOption = Annotated[
         "'adaptive': at most so many inside a top cell, by its number of triangles."
     ),
 ]
+
+
+def print_json(value: Any) -> None:
+    """`value` on one line of standard output; raises ValueError for a number that is not finite."""
+    typer.echo(json.dumps(value, allow_nan=False, ensure_ascii=False))

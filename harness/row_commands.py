@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json as json_module
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import typer
+from harness.options import print_json
 
 
 def scene_specs(scenes: Sequence[str], variants: list, grid, **common) -> dict[str, list]:
@@ -50,7 +49,7 @@ def measured_rows(
 def show_rows(rows: list[dict], json: bool, show: Callable[[dict], None]) -> None:
     """JSON of all rows on standard output, or each as `show` prints it."""
     if json:
-        typer.echo(json_module.dumps(rows, allow_nan=False, ensure_ascii=False))
+        print_json(rows)
         return
     for row in rows:
         show(row)

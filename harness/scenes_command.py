@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json as json_module
 from typing import Annotated
 
 import typer
 
-from harness.options import DeviceOption, JsonOption
+from harness.options import DeviceOption, JsonOption, print_json
 
 scenes_app = typer.Typer(rich_markup_mode="rich")
 
@@ -39,7 +38,7 @@ def scenes(
     if json:
         from dataclasses import asdict
 
-        _print_json([asdict(status) for status in statuses])
+        print_json([asdict(status) for status in statuses])
         return
     from harness.show import print_table, scene_table
 
@@ -71,12 +70,8 @@ def _measure(only: str | None, device: str | None, json: bool, cost: bool) -> No
         tell = status.update
         results = costs(names, device, tell) if cost else calibrate(names, open_device(device), tell)
     if json:
-        _print_json([result.to_json() for result in results])
+        print_json([result.to_json() for result in results])
     else:
         for table in measured_tables(results):
             print_table(table)
     raise typer.Exit(not all(result.inside for result in results))
-
-
-def _print_json(value) -> None:
-    typer.echo(json_module.dumps(value, allow_nan=False, ensure_ascii=False))

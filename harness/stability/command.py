@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json as json_module
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from harness.options import DeviceOption, JsonOption
+from harness.options import DeviceOption, JsonOption, print_json
 
 
 def stability(
@@ -43,14 +42,11 @@ def stability(
         find(intersector)
     opened = open_device(device)
     modes = contracts(opened)
-    for mode, expected in (("off", False), ("on", True)):
-        if modes[mode] is not expected:
-            verb = "contracts all the same" if modes[mode] else "does not contract"
-            print(f"note: with contraction {mode}, the compiler of {opened.name} {verb}", file=sys.stderr)
+    _tell_of_contraction(opened.name, modes)
     file = None if out is None else report.ResultsFile(out, machine_description(opened), modes)
     rows = _measure(opened, chosen(intersector, opened), families, size, file)
     if json:
-        typer.echo(json_module.dumps(rows, allow_nan=False))
+        print_json(rows)
     else:
         from rich.console import Console
 
@@ -62,6 +58,14 @@ def stability(
         name = f"{row['intersector']}, contraction {row['contraction']}"
         print(f"error: {name} fails family {row['family']}", file=sys.stderr)
     raise typer.Exit(1 if failed else 0)
+
+
+def _tell_of_contraction(device: str, modes: dict[str, bool]) -> None:
+    """A note on standard error for each mode in which the compiler does not do as it was told."""
+    for mode, expected in (("off", False), ("on", True)):
+        if modes[mode] is not expected:
+            verb = "contracts all the same" if modes[mode] else "does not contract"
+            print(f"note: with contraction {mode}, the compiler of {device} {verb}", file=sys.stderr)
 
 
 def is_promised(row: dict, default: str) -> bool:
