@@ -11,9 +11,9 @@ cd "$(dirname "$0")/.."
 
 fail() { echo "carry: error: $*" >&2; exit 1; }
 
-# What only tests, lints, draws or compares; the rest measures.
+# What only tests, lints or draws; the rest measures.
 LEFT_OUT="contourpy cycler fonttools iniconfig kiwisolver matplotlib pillow pluggy py-cpuinfo2 pyparsing pytest
-    pytest-benchmark ruff scipy"
+    pytest-benchmark ruff"
 
 # The locked requirements but those named in $1, each with its hashes.
 without() { awk -v names="$1" '

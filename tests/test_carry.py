@@ -102,3 +102,30 @@ def test_carry_refuses_to_overwrite_what_it_did_not_make(tmp_path):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 1 and "carry: error: " in done.stderr.splitlines()[-1]
     assert (tmp_path / "mine").is_dir()
+
+
+MEASURES = """
+import importlib, sys
+for package in sys.argv[1:]:
+    sys.modules[package] = None
+for name in ("accuracy", "accuracy_command", "calibrate", "coherence", "coherence_command", "doctor", "environment",
+             "pipeline", "precision", "row_commands", "roofline", "roofline_command", "stability.command",
+             "stability.rates", "stability.report", "stability.run", "sweep"):
+    importlib.import_module(f"harness.{name}")
+"""
+MODULES = {"fonttools": "fontTools", "pillow": "PIL", "py-cpuinfo2": "cpuinfo",
+           "pytest-benchmark": "pytest_benchmark"}
+
+
+def measures_without(modules: list[str]) -> bool:
+    """Whether everything that measures can be imported where these modules are not installed."""
+    command = [sys.executable, "-c", MEASURES, *modules]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode == 0
+
+
+def test_what_is_left_out_is_not_needed_to_measure():
+    left_out = (ROOT / "scripts/carry.sh").read_text().split('LEFT_OUT="')[1].split('"')[0].split()
+    assert "matplotlib" in left_out
+    modules = [MODULES.get(name, name) for name in left_out]
+    assert measures_without(modules)
+    assert not measures_without(["scipy"])

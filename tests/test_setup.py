@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -133,20 +134,32 @@ touch out/report.html; exit {report}
 """
 
 
+def reproduce(folder: Path, sweep: int = 0, report: int = 0, **variables: str) -> subprocess.CompletedProcess:
+    """Run scripts/reproduce.sh with a fake command that exits with these codes and writes down its calls."""
+    for part in ("scripts", ".venv/bin"):
+        (folder / part).mkdir(parents=True)
+    shutil.copy(ROOT / "scripts/reproduce.sh", folder / "scripts")
+    fake = folder / ".venv/bin/defray"
+    fake.write_text(FAKE_DEFRAY.format(sweep=sweep, report=report))
+    fake.chmod(0o755)
+    command = ["bash", "scripts/reproduce.sh", "smoke", "out"]
+    environment = {**os.environ, **variables}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
 @pytest.mark.parametrize(
     ("sweep", "report", "code", "reported"),
     [(0, 0, 0, True), (1, 0, 1, True), (3, 1, 3, True), (0, 1, 1, True), (130, 0, 130, False)],
 )
 def test_reproduce_reports_failed_checks_and_still_fails(tmp_path, sweep, report, code, reported):
     """A sweep whose checks failed is reported and fails; one that was interrupted only fails."""
-    for folder in ("scripts", ".venv/bin"):
-        (tmp_path / folder).mkdir(parents=True)
-    shutil.copy(ROOT / "scripts/reproduce.sh", tmp_path / "scripts")
-    fake = tmp_path / ".venv/bin/defray"
-    fake.write_text(FAKE_DEFRAY.format(sweep=sweep, report=report))
-    fake.chmod(0o755)
-    command = ["bash", "scripts/reproduce.sh", "smoke", "out"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = reproduce(tmp_path, sweep, report)
     assert done.returncode == code
     assert ("report: out/report.html" in done.stdout) is reported
     assert "--tier smoke --out out --resume" in (tmp_path / "calls").read_text()
+
+
+def test_a_machine_that_only_measures_neither_draws_nor_judges(tmp_path):
+    assert reproduce(tmp_path, DEFRAY_REPORT="0").returncode == 0
+    assert [line.split()[0] for line in (tmp_path / "calls").read_text().splitlines()] == [
+        "sweep", "accuracy", "stability"]
