@@ -80,7 +80,8 @@ class Group:
         self.setting = dataclasses.replace(self.setting, grid=grid)
 
     def open_run(self, spec: RunSpec) -> Run:
-        """The tracer of one run, its options validated."""
+        """The tracer of one run, its options validated; raises DefrayError where the device cannot run it."""
+        self.tell(spec, "preparing", 0.12)  # whatever is raised below is this run's, not the group's
         kind = tracers.find(spec.variant.tracer)
         test = intersectors.find(spec.variant.intersector or "") if kind.needs_intersector else None
         options = spec.variant.options
@@ -204,14 +205,20 @@ def _repeat(group: Group, run: Run) -> None:
 
 
 def most_common(runs: Sequence[Run], run: Run) -> Run:
-    """A run with the hits that most tracers of the same intersector agree on: the odd one out is at fault."""
-    test = run.tracer.intersector
-    alike = [other for other in runs if test and other.tracer.intersector == test]
+    """A run with the hits that most tracers agree on that promise the same: the odd one out is at fault."""
+    promise = _promise(run)
+    alike = [other for other in runs if promise and _promise(other) == promise]
     if len(alike) < 2:
         return run
     hashes = {id(other): hits_hash(other.hits) for other in alike}
     shares = Counter(hashes.values())
     return max(alike, key=lambda other: (shares[hashes[id(other)]], other is run))
+
+
+def _promise(run: Run) -> tuple | None:
+    """What tracers must have in common for equal hits, bit for bit; None of one with a test of its own."""
+    test, options = run.tracer.intersector, run.tracer.options
+    return (test, options.contraction, getattr(options, "exit", "keep")) if test else None
 
 
 def hits_hash(hits: Hits) -> str:

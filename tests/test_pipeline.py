@@ -118,6 +118,31 @@ def test_tracers_that_disagree_by_one_bit_are_caught(device, mesh_file, monkeypa
     assert results["forward"]["valid"] and results["brute"]["valid"]
 
 
+@pytest.mark.parametrize("option", ["contraction=on", "exit=reject"])
+def test_tracers_that_promise_no_equal_bits_are_not_held_against_each_other(device, mesh_file, monkeypatch, option):
+    kind, (name, value) = find("forward"), option.split("=")
+    honest = kind.trace
+
+    def nudged(self, rays, watch):
+        hits = honest(self, rays, watch)
+        if getattr(self.options, name) == value:
+            hits.t[11] = np.nextafter(hits.t[11], np.float32(0))
+        return hits
+
+    monkeypatch.setattr(kind, "trace", nudged)
+    variants = ("deferred:ray-space", "work-optimal:ray-space", f"forward:ray-space:{option}")
+    for _, body in run_group(specs(mesh_file, variants), device):
+        assert body["valid"], body["agreement"]["reason"]
+
+
+def test_the_run_that_cannot_be_opened_is_named(device, mesh_file):
+    good, bad = specs(mesh_file, ["deferred:ray-space", "forward:ray-space:exit=left"])
+    steps = []
+    with pytest.raises(DefrayError, match="option exit=left of forward"):
+        list(run_group([good, bad], device, steps.append))
+    assert steps[-1].spec == bad, "a sweep goes on without this run alone"
+
+
 def test_a_grid_with_one_reference_removed_is_caught(device):
     triangles, rays = soup(300), random_rays(20_000)
     setting = Setting.on_device(Scene("soup", triangles), device)
