@@ -222,8 +222,9 @@ def views(
     from harness.render import write_views
 
     records = RecordFile(_records_of(folder)).read()
-    names = list(dict.fromkeys(record["scene"]["name"] for record in records if record["view"]))
-    for file in write_views(folder / "views", names, open_device(device)):
+    # A mesh file is called by its stem in records, and found by its path.
+    scenes = {r["scene"]["name"]: r["spec"].get("scene", r["scene"]["name"]) for r in records if r["view"]}
+    for file in write_views(folder / "views", scenes, open_device(device)):
         typer.echo(file)
 
 

@@ -66,10 +66,11 @@ class Renderer:
         return along / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
 
 
-def write_views(folder: Path, names: list[str], device) -> list[Path]:
+def write_views(folder: Path, scenes: dict[str, str], device) -> list[Path]:
     """Render the first view of each scene to `folder`/SCENE.png; pictures that exist stay as they are.
 
-    A real scene that has a stand-in gets that one's picture too, SCENE-stand-in.png.
+    `scenes`: the names in records, and what `load_scene` finds each by. A real scene that has a stand-in gets that
+    one's picture too, SCENE-stand-in.png. Raises DefrayError for a scene that cannot be loaded.
     """
     from harness.ladder import split_size
     from harness.measure import shared_scene
@@ -78,10 +79,10 @@ def write_views(folder: Path, names: list[str], device) -> list[Path]:
 
     written = []
     folder.mkdir(parents=True, exist_ok=True)
-    for name in names:
+    for name, found_by in scenes.items():
         if split_size(name)[1] != "1":
             continue  # a rung of the size ladder looks as its full scene does
-        written += _write(folder / f"{name}.png", lambda name=name: shared_scene(name, device).setting)
+        written += _write(folder / f"{name}.png", lambda found_by=found_by: shared_scene(found_by, device).setting)
         recipe = recipes().get(name)
         if recipe and recipe.stand_in and is_real(recipe):
             stand_in = partial(stand_in_scene, recipe)

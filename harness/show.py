@@ -66,7 +66,8 @@ def _record_rows(record: dict):
     options = " ".join(f"{key}={value}" for key, value in record["options"].items())
     tracer = ":".join(part for part in (record["tracer"], record["intersector"]) if part)
     yield "tracer", escape(f"{tracer} {options}".strip())
-    yield "device", escape(f"{record['machine']['device']}, {record['machine']['platform']}")
+    machine = record["machine"]
+    yield "device", escape(f"{machine['device']}, {machine['platform']}" if machine["device"] else machine["cpu"])
     yield "agreement", agreement_text(record["agreement"])
     per_ray = {key: record["counters"][key] / rays["count"] for key in ("steps", "pairs", "tests")}
     if any(per_ray.values()):

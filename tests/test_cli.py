@@ -7,12 +7,15 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from test_record import MACHINE, make_record
 from test_sweep import TIER, body_of, fake_run_group, install_fakes
 
 from harness import cli
 from harness.errors import DefrayError
+from harness.record import RecordFile
 
 ROOT = Path(__file__).resolve().parent.parent
+NO_DEVICE = ("device", "platform", "driver")  # of a machine without OpenCL
 
 
 @pytest.fixture
@@ -173,6 +176,17 @@ def test_sweep_and_report(defray, tmp_path, monkeypatch):
     assert code == 0 and out.strip() == str(out_folder / "report.html")
 
 
+def test_views_are_of_the_files_that_were_measured(defray, tmp_path, monkeypatch):
+    record = make_record(view="inside")
+    record["scene"]["name"], record["spec"]["scene"] = "bunny", "meshes/bunny.ply"
+    RecordFile(tmp_path / "records.jsonl").append(record)
+    drawn = {}
+    monkeypatch.setattr("harness.render.write_views", lambda folder, scenes, device: drawn.update(scenes) or [folder])
+    code, out, _ = defray("views", str(tmp_path))
+    assert code == 0 and out.strip() == str(tmp_path / "views")
+    assert drawn == {"bunny": "meshes/bunny.ply"}
+
+
 def test_doctor_passes_its_exit_code_on(defray, monkeypatch):
     monkeypatch.setattr("harness.doctor.run_doctor", lambda json: 1 if json else 0)
     assert defray("doctor")[0] == 0
@@ -275,7 +289,9 @@ def test_embree_needs_no_device(defray, monkeypatch):
         raise DefrayError("no working OpenCL device")
 
     monkeypatch.setattr("harness.device.open_device", no_device)
-    assert defray("trace", "sponza", "--tracer", "embree")[0] == 0
+    monkeypatch.setattr("harness.device.machine_description", lambda device: MACHINE | dict.fromkeys(NO_DEVICE))
+    code, out, _ = defray("trace", "sponza", "--tracer", "embree")
+    assert code == 0 and "a cpu" in out and "None" not in out
     code, _, error = defray("trace", "sponza")
     assert code == 2 and "no working OpenCL device" in error
 

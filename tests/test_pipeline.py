@@ -13,7 +13,7 @@ import pytest
 from shapes import icosphere, random_rays, soup
 
 import harness
-from harness import measure
+from harness import measure, render
 from harness.check import Checker
 from harness.data import GridSpec, Scene, differing
 from harness.embree import EmbreeScene
@@ -196,6 +196,13 @@ def test_threads_waves_and_batches_change_no_byte(intersector):
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         seen.add(done.stdout.split()[-1])
     assert len(seen) == 1
+
+
+def test_the_picture_of_a_mesh_file_is_of_that_file(device, mesh_file, tmp_path, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr(render, "_write", lambda file, setting_of: [drawn.setdefault(file.name, setting_of().scene)])
+    render.write_views(tmp_path / "views", {"ball": mesh_file, "ball@1/4": f"{mesh_file}@1/4"}, device)
+    assert [(name, len(scene)) for name, scene in drawn.items()] == [("ball.png", len(icosphere(3)))]
 
 
 def test_the_python_interface_traces_a_scene(device, mesh_file):
