@@ -8,6 +8,7 @@ from made_up_claims import BASE, OURS, SCENES, record, speedups
 from harness.claims.model import FILE
 from harness.figures import intersection_speedup, published_rates, resolution_map, style, waves
 from harness.figures.runs import Runs, read_published
+from harness.tables import intersectors
 
 
 def runs_of(records: list[dict], **changes) -> Runs:
@@ -41,6 +42,19 @@ def test_a_map_marks_the_fastest_uniform_grid_and_the_chosen_one():
     assert list(numbers[numbers["fastest"]]["grid"]) == ["16/64 total"]
     assert list(numbers[numbers["chosen"]]["grid"]) == ["44/16 adaptive"]
     assert "star" in caption and "adaptive" in caption
+
+
+def test_runs_on_adaptive_grids_of_different_densities_are_not_held_against_each_other():
+    def on_adaptive(variant: str, density: float, seconds: float) -> dict:
+        made = record(variant, "sponza", seconds, grid="40/16 adaptive")
+        asked = {"top": 0, "leaf": 16, "reading": "adaptive", "density": density}
+        return made | {"spec": {"grid": asked}, "id": f"{made['id']} {density}"}
+
+    other = "deferred:moller-trumbore"
+    records = [on_adaptive(OURS, 0.3, 1.0), on_adaptive(other, 1.2, 4.0), on_adaptive(OURS, 1.2, 2.0)]
+    numbers = intersectors.select(runs_of(records))
+    assert list(numbers["whole_trace_ratio"]) == [2.0], "the one at density 1.2"
+    assert intersectors.select(runs_of(records[:2])).empty
 
 
 def test_a_row_of_resolutions_is_no_map():

@@ -209,6 +209,24 @@ def test_an_order_compares_times_a_ray():
     assert verdict(ORDER, records[:2]).verdict == "not attempted"
 
 
+def test_an_order_without_intervals_still_names_stand_ins():
+    records = [record(OURS, scene, [1.0], stage="traverse") for scene in SCENES]
+    judged = verdict(ORDER, records)
+    assert judged.verdict == "inconclusive" and judged.stand_ins
+    findings = {finding.what: finding for finding in judged.outcomes[0].findings}
+    assert findings["sponza before hairball"].stand_in and not findings["sponza before conference"].stand_in
+
+
+def test_times_that_the_clock_could_not_tell_are_no_evidence():
+    records = speedups((3, 3, 3, 3, 3))
+    for one in records:
+        if one["tracer"] == "deferred":
+            one["samples"]["intersect"] = [1.0, 0.0, 1.0]
+    assert verdict(TWICE, records).verdict == "not attempted"
+    rate = {"type": "context", "of": RATIO["to"], "unit": "rays/s", "inverse": True, "paper": 1.0}
+    assert verdict(rate, records).verdict == "not attempted"
+
+
 def test_counts_must_be_equal_exactly():
     rule = {"type": "equal", "of": BASE, "to": "forward:ray-space", "counters": ["pairs", "tests"]}
     records = [record(name, scene, [1.0]) for scene in SCENES for name in (BASE, "forward:ray-space")]

@@ -117,6 +117,8 @@ def pair_on(rows: pd.DataFrame, of: Operand, to: Operand) -> Pair | None:
         sides = _sides(work, of, to)
         if any(side is None for side in sides):
             continue
+        if min(to.values(sides[1]["record"])) <= 0:
+            continue  # too short for the device's clock, or never counted: nothing to divide by
         pair = make_pair(*sides, of, to)
         rank = (int(work["rays"].iloc[0]), min(map(len, pair.samples)))
         if best is None or rank > best[0]:

@@ -23,7 +23,7 @@ PUBLISHED = Path(__file__).parents[1] / "paper" / "published.toml"
 TRACERS = ("deferred", "streamed", "work-optimal", "forward", "brute", "embree")
 RATES = ("traverse", "intersect", "total")
 WORKLOAD = ["scene", "view", "rays", "seed"]
-SAME_WORK = [*WORKLOAD, "grid"]
+SAME_WORK = [*WORKLOAD, "grid", "beside"]  # `grid` alone does not tell adaptive grids of different densities apart
 STAND_IN = "-stand-in"
 
 

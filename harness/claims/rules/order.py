@@ -46,10 +46,9 @@ class Rule(Strict):
             return None, Finding(what, None, note="no records")
         ids = (*fast.runs, *slow.runs)
         times = fast.samples[0], slow.samples[0]
-        ratio = quotient(*times)
+        ratio, stand_in = quotient(*times), fast.stand_in or slow.stand_in
         if min(map(len, times)) < LEAST_REPETITIONS:
             note = f"fewer than {LEAST_REPETITIONS} repetitions: no interval"
-            return None, Finding(what, ratio.median, runs=ids, note=note)
+            return None, Finding(what, ratio.median, runs=ids, stand_in=stand_in, note=note)
         answer = True if ratio.high < 1 else False if ratio.low > 1 else None
-        stand_in = fast.stand_in or slow.stand_in
         return answer, Finding(what, ratio.median, ratio.low, ratio.high, ids, stand_in, answer)
