@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -104,10 +105,14 @@ class Sample:
         sums = np.cumsum(np.where(filled, self.references, 0), axis=1)
         return np.concatenate([np.zeros((len(self), 1), np.int64), sums], axis=1)
 
-    @functools.lru_cache(maxsize=8)  # noqa: B019 - samples are few, and each model asks them the same
-    def spread(self, cells: int) -> float:
-        """How unequally rays meet the grid's `cells` non-empty cells: the standard deviation of the logarithm of a
-        cell's chance, taken to be normal, from how many cells the sampled rays meet before they are through."""
+    @cached_property
+    def spread(self) -> Callable[[int], float]:
+        """`spread(cells)`: how unequally rays meet the grid's `cells` non-empty cells, the standard deviation of the
+        logarithm of a cell's chance, taken to be normal, from how many cells the sampled rays meet before they are
+        through. Each answer is kept with the sample, as every model asks for the same."""
+        return functools.cache(self._spread)
+
+    def _spread(self, cells: int) -> float:
         met = self.cells[np.arange(SLOTS) < np.minimum(self.found, self.needed)[:, None]]
         seen, mean = len(np.unique(met)), len(met) / max(cells, 1)
 
@@ -122,10 +127,14 @@ class Sample:
         """The work of rays that test cell by cell and halt at the hit."""
         return Work(self.needed_steps.mean(), self.needed.mean(), self.needed_tests.mean())
 
-    @functools.lru_cache(maxsize=64)  # noqa: B019 - as above
-    def deferred_work(self, wave: int, growth: int, rays: int) -> tuple[Work, np.ndarray]:
-        """The work of rays that meet `wave` cells, then `growth` times as many, and so on, padding and bins left out,
-        and the pairs of each of the first MOST_WAVES waves, a ray."""
+    @cached_property
+    def deferred_work(self) -> Callable[[int, int, int], tuple[Work, np.ndarray]]:
+        """`deferred_work(wave, growth, rays)`: the work of that many rays that meet `wave` cells, then `growth` times
+        as many, and so on, padding and bins left out, and the pairs of each of the first MOST_WAVES waves, a ray,
+        float64[waves]. Each answer is kept with the sample."""
+        return functools.cache(self._deferred_work)
+
+    def _deferred_work(self, wave: int, growth: int, rays: int) -> tuple[Work, np.ndarray]:
         longest = self._longest(rays)
         ends = wave_ends(wave, growth, longest + 1)
         rows = np.arange(len(self))
