@@ -265,7 +265,7 @@ def _run_precision(request: AccuracyRequest, parts: list[Part], device, progress
     """Measure what precision.jsonl lacks, scene by scene."""
     from harness.accuracy_rows import identity, precision_file
     from harness.measure import shared_scene
-    from harness.precision import measure_precision
+    from harness.precision import SAMPLES, measure_precision
 
     file = precision_file(request.out)
     stored = stored_rows(file.repair(), device)
@@ -276,7 +276,7 @@ def _run_precision(request: AccuracyRequest, parts: list[Part], device, progress
             continue
         progress.start(part.scene)
         shared = shared_scene(part.scene, device)
-        last = identity(**facts, knob="samples", value="1")
+        last = identity(**facts, knob="samples", value=str(SAMPLES[-1]))  # the others are stored before it
         if (last, shared.scene.source, shared.scene.sha256) in stored:
             progress.end()
             continue

@@ -28,6 +28,7 @@ from harness.data import GridSpec, Hits, Rays, Scene, View
 from harness.digest import sealed, unsealed
 from harness.errors import DefrayError
 from harness.measure import SharedScene, forget_scenes, scene_facts
+from harness.precision import SAMPLES
 
 PLAN = Plan(rays=2_000, aimed=4_000, repetitions=2, grid=GridSpec(4, 16))
 VARIANTS = ("deferred:ray-space", "deferred:moller-trumbore", "embree", "embree:robust=false")
@@ -212,9 +213,31 @@ def test_resuming_measures_a_mesh_again_that_has_changed(tmp_path, device, preci
     assert [row["scene"]["sha256"] for row in found] == hashes[1:]
 
 
-def precision_row_of(scene: Scene) -> dict:
-    row = made_up_accuracy.precision_row("ball", "samples", "1", 0.3, 0.1)
+def precision_row_of(scene: Scene, samples: int = SAMPLES[-1]) -> dict:
+    row = made_up_accuracy.precision_row("ball", "samples", str(samples), 0.3, 0.1)
     return row | {"scene": scene_facts(scene)}
+
+
+def test_precision_that_was_stopped_between_its_rows_is_measured_again(tmp_path, device, monkeypatch):
+    part = Part(save_mesh(tmp_path / "ball.npz", icosphere(2)), PLAN, [Contender.parse("embree")], True)
+    request = AccuracyRequest([part], tmp_path, resume=True, device=device.title)
+    started = []
+
+    def stopped_once(shared, *_):
+        started.append(1)
+        yield precision_row_of(shared.scene, SAMPLES[0])
+        if len(started) == 1:
+            raise KeyboardInterrupt
+        yield precision_row_of(shared.scene, SAMPLES[-1])
+
+    monkeypatch.setattr("harness.precision.measure_precision", stopped_once)
+    forget_scenes()
+    with pytest.raises(KeyboardInterrupt):
+        run_accuracy(request)
+    for _ in range(2):  # the second time all are on file
+        run_accuracy(request)
+    assert len(started) == 2
+    assert [row["value"] for row in precision_file(tmp_path).read()] == ["1", "1", "64"]
 
 
 def test_rows_of_a_stand_in_do_not_stand_for_the_real_scene(row):

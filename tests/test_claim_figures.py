@@ -6,7 +6,7 @@ import pytest
 from made_up_claims import BASE, OURS, SCENES, record, speedups
 
 from harness.claims.model import FILE
-from harness.figures import intersection_speedup, published_rates, resolution_map, style, waves
+from harness.figures import end_to_end, intersection_speedup, published_rates, resolution_map, style, waves
 from harness.figures.runs import Runs, read_published
 from harness.tables import intersectors
 
@@ -30,6 +30,17 @@ def drawn(module, runs: Runs):
         for narrow in (False, True):
             style.settle(module.draw(runs, numbers, narrow))
     return numbers, module.caption(runs, numbers)
+
+
+def test_the_chart_of_whole_traces_says_of_each_run_its_own_rate():
+    tests = ("ray-space", "moller-trumbore", "plucker")
+    records = [record(f"deferred:{name}", "sponza", 1.0 + place, rays=9000) for place, name in enumerate(tests)]
+    records += [record(OURS, "sponza", 5.0), record("forward:ray-space", "sponza", 7.0)]  # fewer rays, more tracers
+    runs = runs_of([one | {"commit": "0" * 40} for one in records])
+    rows = end_to_end.chart(runs, end_to_end.select(runs))["data"]["values"]
+    assert {row["tracer"] for row in rows} == {"deferred", "forward"}
+    for row in rows:
+        assert row["rate_text"].split(" [")[0] == f"{row['rate']:.4g}", row["name"]
 
 
 def test_a_map_marks_the_fastest_uniform_grid_and_the_chosen_one():

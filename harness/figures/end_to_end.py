@@ -85,15 +85,15 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
 
 def chart(runs: Runs, numbers: pd.DataFrame) -> dict:
     """Every diffuse run of the main workload to compare, not the chosen ones alone; hover for the record."""
-    rows = []
-    for run in _compared(runs).itertuples():
+    compared, rows = _compared(runs), []
+    for run in compared.itertuples():
         for rate, stage in (("total", "whole trace"), ("traverse", "traversal"), ("intersect", "intersection")):
             if pd.notna(getattr(run, rate)):
                 rows.append({"scene": run.title, "tracer": run.tracer, "intersector": run.intersector or "its own",
                              "name": f"{run.label}, {run.grid}" if run.grid else run.label, "stage": stage,
                              "variant": run.label, "grid": run.grid, "rate": getattr(run, rate),
                              "low": getattr(run, f"{rate}_low"), "high": getattr(run, f"{rate}_high"),
-                             "rate_text": charts.interval(runs.diffuse.loc[run.Index], rate),
+                             "rate_text": charts.interval(compared.loc[run.Index], rate),
                              "rays": charts.number(run.rays), "repetitions": run.repetitions,
                              **charts.record_facts(runs, run.run)})
     fields = {"scene": "scene", "variant": "variant", "grid": "grid", "stage": "stage", "rate_text": "million rays/s",
