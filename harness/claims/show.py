@@ -13,11 +13,10 @@ from harness.claims.outcome import Finding
 COLOURS = {"reproduced": "green", "shape only": "yellow", "contradicted": "red", "inconclusive": "cyan",
            "not attempted": "dim"}
 MARKS = {"reproduced": "✓", "shape only": "◐", "contradicted": "✗", "inconclusive": "?", "not attempted": "–"}
-COLUMNS = ("verdict", "claim", "measured", "needed", "kind", "place")
 
 
 def claims_rows(judged: Sequence[Judged]) -> list[dict[str, str]]:
-    """One row a claim with the keys of `COLUMNS`; without a verdict, `measured` says why."""
+    """One row a claim: verdict, claim, measured, needed, kind, place; without a verdict, `measured` says why."""
     return [{"verdict": one.verdict, "claim": one.claim.title, "measured": measured_text(one),
              "needed": one.needed, "kind": one.claim.kind, "place": one.claim.place} for one in judged]
 

@@ -57,7 +57,7 @@ def icosphere(divisions: int, generator: np.random.Generator, jitter: float = 0.
     vertices = [np.array(corner, np.float64) for corner in corners]
     for _ in range(divisions):
         vertices, faces = _divided(vertices, faces)
-    points = _unit(np.array(vertices))
+    points = unit(np.array(vertices))
     return points * (1 + jitter * generator.random((len(points), 1))), np.array(faces)
 
 
@@ -70,7 +70,7 @@ def _divided(vertices: list, faces: list) -> tuple[list, list]:
         key = (min(a, b), max(a, b))
         if key not in middles:
             middles[key] = len(vertices)
-            vertices.append(_unit((vertices[a] + vertices[b])[None])[0])
+            vertices.append(unit((vertices[a] + vertices[b])[None])[0])
         return middles[key]
 
     divided = []
@@ -80,9 +80,15 @@ def _divided(vertices: list, faces: list) -> tuple[list, list]:
     return vertices, divided
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors float64[n,3] over their lengths."""
     x, y, z = vectors.T
     return vectors / np.sqrt(x * x + y * y + z * z)[:, None]
+
+
+def random_units(count: int, generator: np.random.Generator) -> np.ndarray:
+    """Directions float64[count,3] of points in the cube: uniform enough, and free of transcendental functions."""
+    return unit(2 * generator.random((count, 3)) - 1 + 1e-9)
 
 
 def lattice_box(cells: int = 8) -> tuple[np.ndarray, np.ndarray]:
@@ -109,4 +115,4 @@ def lattice_box(cells: int = 8) -> tuple[np.ndarray, np.ndarray]:
 def globe(divisions: int) -> tuple[np.ndarray, np.ndarray]:
     """A unit sphere of squares on a cube blown up to the sphere: vertices float64[v,3], faces int[t,3]."""
     vertices, faces = lattice_box(divisions)
-    return _unit(2 * vertices / divisions - 1), faces
+    return unit(2 * vertices / divisions - 1), faces

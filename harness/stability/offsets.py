@@ -12,7 +12,7 @@ from harness.data import Rays
 from harness.device import Device
 from harness.intersectors import Intersector
 from harness.rays import offset_origin
-from harness.stability.meshes import icosphere, lattice_box
+from harness.stability.meshes import icosphere, lattice_box, random_units, unit
 from harness.stability.pairs import Pairs, PairTester
 from harness.stability.suite import METRICS
 
@@ -31,11 +31,11 @@ def offset_inputs(case: dict, count: int, generator: np.random.Generator) -> lis
     inputs = []
     for triangles in (_rectangle(), _cube(), _sphere(generator)):
         rays = count // 3
-        outward = _units(rays, generator)
+        outward = random_units(rays, generator)
         origins = centre + case["distance"] * scale * outward
-        targets = centre + INSIDE * scale * generator.random((rays, 1)) * _units(rays, generator)
+        targets = centre + INSIDE * scale * generator.random((rays, 1)) * random_units(rays, generator)
         origins = origins.astype(np.float32)
-        directions = _unit(targets - origins.astype(np.float64)).astype(np.float32)
+        directions = unit(targets - origins.astype(np.float64)).astype(np.float32)
         limit = np.full(rays, np.inf, np.float32)
         inputs.append(((triangles * scale + centre).astype(np.float32), Rays(origins, directions, limit)))
     return inputs
@@ -56,15 +56,6 @@ def _sphere(generator) -> np.ndarray:
     return vertices[faces]
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    x, y, z = vectors.T
-    return vectors / np.sqrt(x * x + y * y + z * z)[:, None]
-
-
-def _units(count: int, generator) -> np.ndarray:
-    return _unit(2 * generator.random((count, 3)) - 1 + 1e-9)
-
-
 def judge_offsets(
     device: Device, case: dict, inputs, intersector: Intersector, contraction: str, generator: np.random.Generator
 ) -> dict:
@@ -79,11 +70,11 @@ def judge_offsets(
         hit = np.flatnonzero(primitive >= 0)
         corners, u, v = triangles[primitive[hit]], u[hit], v[hit]
         result["nonfinite"] += int((~np.isfinite(u) | ~np.isfinite(v)).sum())
-        normal = _unit(np.cross(*(corners[:, k].astype(np.float64) - corners[:, 0] for k in (1, 2))))
+        normal = unit(np.cross(*(corners[:, k].astype(np.float64) - corners[:, 0] for k in (1, 2))))
         normal *= -np.sign((normal * rays.directions[hit]).sum(axis=1))[:, None]
         point, bound = _interpolated(corners, u, v)
         origins = OFFSETS[case["method"]](point, bound, normal)
-        directions = _units(len(hit), generator)
+        directions = random_units(len(hit), generator)
         directions *= np.where((directions * normal).sum(axis=1) < 0, -1.0, 1.0)[:, None]  # over the hemisphere
         limit = np.full(len(hit), np.inf, np.float32)
         spawned = Rays(origins, directions.astype(np.float32), limit)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.data import Rays
+from harness.stability.meshes import random_units, unit
 from harness.stability.pairs import Pairs
 
 BROKEN = (np.nan, np.inf, -np.inf)
@@ -38,20 +39,10 @@ def single_pairs(case: dict, count: int, generator: np.random.Generator) -> Pair
     return Pairs(Rays(origins, directions, limit), triangles, number, number)
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    x, y, z = vectors.T
-    return vectors / np.sqrt(x * x + y * y + z * z)[:, None]
-
-
-def _random_units(count: int, generator) -> np.ndarray:
-    """Directions of points in the cube: uniform enough, and free of transcendental functions."""
-    return _unit(2 * generator.random((count, 3)) - 1 + 1e-9)
-
-
 def _triangles(count: int, generator, case: dict) -> np.ndarray:
     """float64[count,3,3] near the unit cube's centre, of size about 1 and the case's shape."""
-    along = _random_units(count, generator)
-    across = _unit(np.cross(along, _random_units(count, generator)))
+    along = random_units(count, generator)
+    across = unit(np.cross(along, random_units(count, generator)))
     height = 1 / case["sliver"] if "sliver" in case else 0.5 + 0.5 * generator.random((count, 1))
     foot = generator.random((count, 1))
     corners = [-0.5 * along, 0.5 * along, (foot - 0.5) * along + height * across]
@@ -80,11 +71,11 @@ def _origins(triangles: np.ndarray, targets: np.ndarray, generator, case: dict) 
     count = len(triangles)
     distance = case.get("far", 1.0) * (1 + generator.random((count, 1)))
     if "graze" not in case:
-        return targets + distance * _random_units(count, generator)
-    along = _unit(triangles[:, 1] - triangles[:, 0])
-    normal = _unit(np.cross(along, _unit(triangles[:, 2] - triangles[:, 0])))
+        return targets + distance * random_units(count, generator)
+    along = unit(triangles[:, 1] - triangles[:, 0])
+    normal = unit(np.cross(along, unit(triangles[:, 2] - triangles[:, 0])))
     mixed = 2 * generator.random((count, 2)) - 1
-    within = _unit(mixed[:, :1] * along + mixed[:, 1:] * np.cross(along, normal) + 1e-9)
+    within = unit(mixed[:, :1] * along + mixed[:, 1:] * np.cross(along, normal) + 1e-9)
     side = generator.choice([-1.0, 1.0], count)[:, None]
     return targets + distance * (within + side * case["graze"] * normal)
 
