@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import shutil
 
@@ -266,6 +267,17 @@ def test_a_folder_that_cannot_be_written_is_refused_before_measuring(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(DefrayError, match="cannot write to"):
         report.ResultsFile(tmp_path / "file" / "below", {}, {})
+
+
+def test_a_disk_that_fills_up_meanwhile_is_one_line(tmp_path, monkeypatch):
+    file = report.ResultsFile(tmp_path, {"device": "one"}, {"off": False, "on": True})
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_text", full)
+    with pytest.raises(DefrayError, match=r"cannot write .*stability.json: No space left"):
+        file.add([ROW_ON_FILE])
 
 
 @pytest.mark.parametrize(

@@ -135,10 +135,14 @@ def _replaced(old: list, new: list) -> list:
 
 
 def write_results(file: Path, results: Results) -> None:
-    """Write the file with its digest, whole or not at all."""
+    """Write the file with its digest, whole or not at all; raises DefrayError where it cannot be written."""
     part = file.with_suffix(".part")
-    part.write_text(json.dumps(digest.sealed(results.model_dump(mode="json", by_alias=True)), indent=1) + "\n")
-    part.replace(file)
+    text = json.dumps(digest.sealed(results.model_dump(mode="json", by_alias=True)), indent=1) + "\n"
+    try:
+        part.write_text(text)
+        part.replace(file)
+    except OSError as error:
+        raise DefrayError(f"cannot write {file}: {error.strerror}") from None
 
 
 def read_results(folder: Path) -> Results | None:
