@@ -1,4 +1,4 @@
-"""Does the world agree? Every ray of a run falls in one class, against Embree and exact arithmetic.
+"""The check of hits: every ray of a run falls in one class, against Embree and exact arithmetic.
 
 Classes: `same`; `tie`, another primitive at the same t; `t_off`, the right primitive with an inaccurate t;
 `wrong`, another primitive at another t; `missed`, no hit where there is one; `phantom`, a hit where there is

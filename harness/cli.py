@@ -58,7 +58,7 @@ CheckOption = Annotated[
 ]
 TracerOption = Annotated[str, typer.Option(help="deferred, streamed, forward, work-optimal, brute or embree.")]
 IntersectorOption = Annotated[
-    str | None, typer.Option(help="Ray/triangle test: ray-space (default) or moller-trumbore; embree has its own.")
+    str | None, typer.Option(help="Ray/triangle test, ray-space by default; an unknown name lists them all.")
 ]
 SettingsOption = Annotated[
     list[str] | None,
@@ -382,8 +382,11 @@ def main() -> None:
     except Exception as error:
         if os.environ.get("DEFRAY_TRACEBACK"):
             raise
-        text = " ".join(f"{type(error).__name__}: {error}".split())
-        _print_error(f"{text[:300]} (a fault in defray; DEFRAY_TRACEBACK=1 shows where)")
+        text = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        if isinstance(error, OSError) and error.filename:
+            _print_error(f"cannot use {error.filename}: {error.strerror}")
+        else:
+            _print_error(f"{text} (a fault in defray; DEFRAY_TRACEBACK=1 shows where)")
         sys.exit(2)
 
 

@@ -1,4 +1,4 @@
-"""The way through the house: scene → grid → rays → trace → check → record."""
+"""From a scene to checked hits and records: scene → rays → grid → trace → check → record."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class GridFacts(Part):
 
     @model_serializer(mode="wrap")
     def _without_absent(self, serialize) -> dict:
-        """Grids of one leaf resolution have neither key."""
+        """Without the keys of adaptive and of chosen grids where they say nothing."""
         optional = ("density", "resolution", "chosen", "choosing_seconds", "trial_build_seconds")
         return {key: value for key, value in serialize(self).items() if key not in optional or value is not None}
 

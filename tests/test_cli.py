@@ -243,6 +243,8 @@ def test_an_unwritable_folder(defray, tmp_path):
     [
         (DefrayError("no working OpenCL device (none); install PoCL"), 2, "error: no working OpenCL device"),
         (ZeroDivisionError("a\nfault"), 2, "error: ZeroDivisionError: a fault (a fault in defray"),
+        (PermissionError(13, "Permission denied", "out/report.html"), 2,
+         "error: cannot use out/report.html: Permission denied\n"),
         (KeyboardInterrupt(), 130, ""),
     ],
 )
