@@ -7,7 +7,7 @@ from made_up_claims import BASE, OURS, SCENES, record, speedups
 
 from harness.claims.model import FILE
 from harness.figures import end_to_end, intersection_speedup, published_rates, resolution_map, style, waves
-from harness.figures.runs import Runs, read_published
+from harness.figures.runs import Runs, read_published, speedup
 from harness.tables import intersectors
 
 
@@ -66,6 +66,15 @@ def test_runs_on_adaptive_grids_of_different_densities_are_not_held_against_each
     numbers = intersectors.select(runs_of(records))
     assert list(numbers["whole_trace_ratio"]) == [2.0], "the one at density 1.2"
     assert intersectors.select(runs_of(records[:2])).empty
+
+
+def test_only_interleaved_runs_are_paired():
+    noisy = (1.0, 2.0, 4.0)
+    ours, base = record(OURS, "sponza", noisy), record(BASE, "sponza", noisy)
+    together = speedup(ours, base, "intersect")
+    assert together["ratio_low"] == together["ratio_high"] == 1
+    apart = speedup(ours, base | {"spec": {"grid": {"top": 0, "leaf": 0, "reading": "auto"}}}, "intersect")
+    assert apart["ratio"] == 1 and apart["ratio_low"] < 1 < apart["ratio_high"]
 
 
 def test_a_row_of_resolutions_is_no_map():

@@ -184,6 +184,17 @@ def test_a_trend_over_sizes_has_a_factor_for_each_scene():
     assert verdict(rule, speedups((1, 2, 3, 4, 5))).reason.startswith("0 points, 4 needed")
 
 
+def test_sizes_are_those_with_most_rays_whatever_their_view_is_called():
+    records = []
+    for view, rays, power in (("atrium", 9000, 1), ("front", 1000, -1)):
+        for size, parts in (("@1/64", 64), ("@1/16", 16), ("@1/4", 4), ("", 1)):
+            count = TRIANGLES["sponza"] // parts
+            sides = (BASE, (1e-5 * count) ** power), (OURS, 1.0)
+            records += [record(variant, "sponza" + size, seconds, triangles=count, rays=rays) | {"view": view}
+                        for variant, seconds in sides]
+    assert verdict(TREND | {"over": "sizes"}, records).verdict == "reproduced"
+
+
 ORDER = {"type": "order", "of": {"variant": OURS, "seconds": "traverse"}, "order": list(SCENES), "shape_pairs": 8}
 
 

@@ -167,12 +167,13 @@ def rungs(runs: Runs, scene: str, of: Operand, to: Operand) -> list[Pair]:
     rows = runs.valid
     bases = rows["scene"].map(lambda name: plain(rung_of(name)[0]))
     rows = rows[(rows["kind"] == "diffuse") & (bases == plain(scene))]
-    best: list[Pair] = []
+    best, most = [], (2, 0)
     for _, work in rows.groupby(WORK, sort=True):
         pairs = [pair_on(rung, of, to) for _, rung in work.groupby("scene", sort=True)]
         pairs = [pair for pair in pairs if pair is not None]
-        if len(pairs) >= max(len(best), 2):
-            best = pairs
+        rank = (len(pairs), int(work["rays"].iloc[0]))
+        if rank >= most:
+            best, most = pairs, rank
     return sorted(best, key=lambda pair: pair.triangles)
 
 

@@ -336,13 +336,13 @@ def stage_rates(record: dict, stage: str) -> list[float]:
 def speedup(record: dict, base: dict, stage: str) -> dict[str, float] | None:
     """Ratio of two runs' rates of a stage with its 95 % interval; None where either has no rate.
 
-    Repetitions are paired where both runs have as many; else the interval is the quotient of the two
-    runs' own intervals, which is the wider one.
+    Repetitions are paired where both runs have as many and were interleaved, beside the same grid; else the interval
+    is the quotient of the two runs' own intervals, which is the wider one.
     """
     rates, base_rates = stage_rates(record, stage), stage_rates(base, stage)
     if not rates or not base_rates:
         return None
-    if len(rates) == len(base_rates):
+    if len(rates) == len(base_rates) and beside_text(record) == beside_text(base):
         found = ratio(rates, base_rates)
         return {"ratio": found.median, "ratio_low": found.low, "ratio_high": found.high}
     one, two = interval(rates), interval(base_rates)
