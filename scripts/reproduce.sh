@@ -26,6 +26,7 @@ stability=0
 work=0
 if [ "$tier" != smoke ]; then
     .venv/bin/defray coherence sponza conference hairball crown san-miguel --rays 8k --out "$out" || work=$?
+    [ "$work" -lt 128 ] || exit "$work"
     .venv/bin/defray roofline sponza --reading adaptive --density 0.3 --rays 256k --out "$out" || work=$?
     [ "$work" -lt 128 ] || exit "$work"
 fi

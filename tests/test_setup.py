@@ -130,19 +130,22 @@ def test_setup_refuses_an_unknown_argument(tmp_path):
 FAKE_DEFRAY = """#!/bin/sh
 echo "$@" >>calls
 if [ "$1" = sweep ]; then mkdir -p out; echo '{{}}' >out/records.jsonl; exit {sweep}; fi
+if [ "$1" = coherence ]; then exit {coherence}; fi
 touch out/report.html; exit {report}
 """
 
 
-def reproduce(folder: Path, sweep: int = 0, report: int = 0, **variables: str) -> subprocess.CompletedProcess:
+def reproduce(
+    folder: Path, sweep: int = 0, report: int = 0, coherence: int = 0, tier: str = "smoke", **variables: str
+) -> subprocess.CompletedProcess:
     """Run scripts/reproduce.sh with a fake command that exits with these codes and writes down its calls."""
     for part in ("scripts", ".venv/bin"):
         (folder / part).mkdir(parents=True)
     shutil.copy(ROOT / "scripts/reproduce.sh", folder / "scripts")
     fake = folder / ".venv/bin/defray"
-    fake.write_text(FAKE_DEFRAY.format(sweep=sweep, report=report))
+    fake.write_text(FAKE_DEFRAY.format(sweep=sweep, report=report, coherence=coherence))
     fake.chmod(0o755)
-    command = ["bash", "scripts/reproduce.sh", "smoke", "out"]
+    command = ["bash", "scripts/reproduce.sh", tier, "out"]
     environment = {**os.environ, **variables}
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
@@ -163,3 +166,8 @@ def test_a_machine_that_only_measures_neither_draws_nor_judges(tmp_path):
     assert reproduce(tmp_path, DEFRAY_REPORT="0").returncode == 0
     assert [line.split()[0] for line in (tmp_path / "calls").read_text().splitlines()] == [
         "sweep", "accuracy", "stability"]
+
+
+def test_what_is_interrupted_is_not_followed_by_more(tmp_path):
+    assert reproduce(tmp_path, coherence=130, tier="paper").returncode == 130
+    assert (tmp_path / "calls").read_text().splitlines()[-1].split()[0] == "coherence"
