@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from harness import intersectors, stats, tracers
-from harness.accuracy import diagonal_of, distance_rmse
+from harness.accuracy import Tell, diagonal_of, distance_rmse
 from harness.accuracy_rows import SCHEMA
 from harness.check import Checker
 from harness.data import GridSpec, Hits, Rays, Scene
@@ -30,8 +30,6 @@ MANY = 256  # of the image that the others are compared with
 IMAGE = (120, 90)  # pixels
 TOGETHER = 32  # turns of occlusion rays traced at once
 SEED = 1
-
-Tell = Callable[[str, float], None]
 
 
 def half_precision(triangles: np.ndarray) -> np.ndarray:
