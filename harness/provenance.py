@@ -66,7 +66,8 @@ def ids_of(numbers) -> list[str]:
 def records_behind(runs: Runs, index: dict, ids: list[str]) -> list[dict]:
     """Id, file, digest and commit of each record of this machine with one of these ids; the latest of each.
 
-    Raises DefrayError for an id that no file of the folder has.
+    A real scene and its stand-in share their ids, and so the latest of each geometry is among them. Raises
+    DefrayError for an id that no file of the folder has.
     """
     machine = machine_key(runs)
     found = []
@@ -75,7 +76,8 @@ def records_behind(runs: Runs, index: dict, ids: list[str]) -> list[dict]:
         if not rows:
             raise DefrayError(f"a figure names record {identity}, which is in no file of {runs.folder}")
         here = [row for row in rows if of_machine(row["machine"], machine)] or rows
-        found += [{key: row[key] for key in ("id", "file", KEY, "commit")} for row in here[-1:]]
+        latest = {row["geometry"]: row for row in here}
+        found += [{key: row[key] for key in ("id", "file", KEY, "commit")} for row in latest.values()]
     return found
 
 
@@ -94,9 +96,11 @@ def index_of(folder: Path) -> dict[str, list[dict]]:
             except ValueError:
                 continue  # a torn last line, which the reader has warned of
             if isinstance(row, dict) and KEY in row:
+                scene = row.get("scene") or {}
                 found.setdefault(row.get("id", ""), []).append(
                     {"id": row.get("id", ""), "file": path.name, KEY: row[KEY], "commit": row.get("commit", ""),
-                     "machine": key_of(row.get("machine") or {})})
+                     "machine": key_of(row.get("machine") or {}),
+                     "geometry": (scene.get("source"), scene.get("sha256"))})
     return found
 
 

@@ -114,6 +114,9 @@ def test_a_real_scene_and_its_stand_in_are_both_shown(tmp_path):
 
     assert list(intersection_speedup.select(runs)["scene"].unique()) == ["Sponza", "Sponza (stand-in)"]
     assert any("Real geometry and stand-in were both measured" in notice for notice in notices(runs))
+    (file,) = redraw(tmp_path, "intersection_speedup")
+    named = {one["digest"] for one in json.loads(file.with_suffix(".json").read_text())["records"]}
+    assert named == {row["digest"] for row in map(json.loads, (tmp_path / "records.jsonl").read_text().splitlines())}
 
 
 def test_one_row_sealed_twice_is_one_digest():
