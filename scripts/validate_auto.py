@@ -49,8 +49,10 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=2, help="timed rounds over the sweep")
     parser.add_argument("--repetitions", type=int, default=7, help="of the last comparison")
     arguments = parser.parse_args()
-    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
     try:
+        if parse_count(arguments.rays) < auto.FEW_RAYS:
+            raise DefrayError(f"--rays {arguments.rays}: of fewer than {auto.FEW_RAYS:,} nothing is chosen")
+        print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
         for scene in arguments.scenes:
             print(f"| {' | '.join(row(scene, arguments))} |", flush=True)
     except DefrayError as error:

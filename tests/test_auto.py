@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import runpy
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -184,7 +187,6 @@ def test_streams_with_bins_of_their_own_leave_more_slots_unused(setting):
     assert one < two < 2 * one
 
 
-
 def test_a_trace_on_a_chosen_grid_has_the_hits_of_any_other(device):
     scene, rays = Scene("soup", MESH), random_rays(2000)
     chosen = pipeline.trace(scene, rays, device=device)
@@ -232,3 +234,11 @@ def test_a_grid_said_twice_is_refused(fields):
 def test_an_automatic_grid_with_a_resolution_is_refused():
     with pytest.raises(DefrayError, match="unknown reading"):
         check_grid(GridSpec(8, 128, "auto"))
+
+
+def test_a_validation_with_too_few_rays_to_choose_for_is_one_line(monkeypatch, capsys):
+    script = runpy.run_path(str(Path(__file__).parents[1] / "scripts/validate_auto.py"))
+    monkeypatch.setattr(sys, "argv", ["validate_auto.py", "sponza", "--rays", "10k"])
+    assert script["main"]() == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err == "error: --rays 10k: of fewer than 65,536 nothing is chosen\n"

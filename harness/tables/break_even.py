@@ -16,10 +16,10 @@ NEEDS = "diffuse runs of the deferred tracer and of forward or Embree"
 def select(runs: Runs) -> pd.DataFrame:
     """One row a scene: the fastest deferred, forward and Embree run, their builds, and the two break-evens."""
     rows = runs.diffuse
-    return pd.DataFrame([row for _, scene in rows.groupby("scene", sort=False) if (row := _scene(scene, rows))])
+    return pd.DataFrame([row for _, scene in rows.groupby("scene", sort=False) if (row := _scene(scene))])
 
 
-def _scene(scene: pd.DataFrame, rows: pd.DataFrame) -> dict | None:
+def _scene(scene: pd.DataFrame) -> dict | None:
     embree = robust_embree(scene)
     picked = {tracer: best(scene[scene["tracer"] == tracer]) for tracer in ("deferred", "forward")}
     picked["embree"] = best(embree)
