@@ -187,7 +187,10 @@ def test_streams_with_bins_of_their_own_leave_more_slots_unused(setting):
     assert one < two < 2 * one
 
 
-def test_a_trace_on_a_chosen_grid_has_the_hits_of_any_other(device):
+@pytest.mark.parametrize("few", [100, auto.FEW_RAYS])
+def test_a_trace_on_a_chosen_grid_has_the_hits_of_any_other(device, monkeypatch, few):
+    monkeypatch.setattr(auto, "FEW_RAYS", few)
+    monkeypatch.setattr(auto, "cost_models", lambda *_: {"deferred": MODEL})
     scene, rays = Scene("soup", MESH), random_rays(2000)
     chosen = pipeline.trace(scene, rays, device=device)
     assert differing(chosen, pipeline.trace(scene, rays, grid="8/32", device=device)) == 0
