@@ -62,6 +62,12 @@ def check_schema(row: dict, schema: int, where: str) -> None:
                           f"{schema}{older}")
 
 
+def lines_of(text: str) -> list[str]:
+    """Lines of a file of rows. A line feed alone ends one: texts in JSON may hold U+2028 and others, at which
+    `str.splitlines` would cut."""
+    return text.removesuffix("\n").split("\n") if text else []
+
+
 def name_of(row: Any) -> str:
     """A row for people: its id, scene and variant, as far as it has them; empty where it has none."""
     if not isinstance(row, dict):

@@ -13,7 +13,7 @@ import shutil
 from collections import Counter
 from pathlib import Path
 
-from harness.digest import KEY, needs_digest, place_of, unsealed
+from harness.digest import KEY, lines_of, needs_digest, place_of, unsealed
 from harness.errors import DefrayError
 
 FACTS = ("cpu", "cores", "platform", "device")
@@ -87,7 +87,7 @@ def _merged_lines(paths: list[Path]) -> list[str]:
     """Lines of all files, each once, those of one run on one machine in the order of time."""
     kept: dict[str, tuple[str, str]] = {}
     for path in paths:
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines() if path.is_file() else [], 1):
+        for number, line in enumerate(lines_of(path.read_text(encoding="utf-8")) if path.is_file() else [], 1):
             try:
                 row = json.loads(line)
             except ValueError:
@@ -104,7 +104,7 @@ def _copy_own_files(folder: Path, out: Path) -> None:
     for apart in (folder / FOLDER).glob("*"):
         for path in apart.iterdir():
             _copy(path, out / FOLDER / apart.name / path.name)
-    rows = [json.loads(line) for line in (folder / "records.jsonl").read_text(encoding="utf-8").splitlines()]
+    rows = [json.loads(line) for line in lines_of((folder / "records.jsonl").read_text(encoding="utf-8"))]
     usual = Counter(key_of(row["machine"]) for row in rows).most_common(1)
     for name in OWN_FILES:
         path = folder / name

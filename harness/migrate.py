@@ -13,7 +13,7 @@ from pathlib import Path
 from harness.accuracy_rows import FILE as ACCURACY
 from harness.accuracy_rows import PRECISION_FILE, accuracy_row, precision_row
 from harness.accuracy_rows import SCHEMA as ROW_SCHEMA
-from harness.digest import place_of, sealed, unsealed
+from harness.digest import lines_of, place_of, sealed, unsealed
 from harness.errors import DefrayError
 from harness.record import now_utc, validated
 from harness.record_schema import SCHEMA
@@ -44,7 +44,7 @@ def migrate(folder: Path) -> dict[str, int]:
 def _lines(path: Path, schema: int, validate, time: str) -> tuple[list[str], int]:
     """The file's lines in this schema, and how many were not."""
     lines, count = [], 0
-    for number, line in enumerate(_text(path).splitlines(), 1):
+    for number, line in enumerate(lines_of(_text(path)), 1):
         row = _json(line, f"{path}, line {number}")
         where = place_of(row, path, number)
         if isinstance(row, dict) and row.get("schema") == FROM and "digest" not in row:

@@ -11,7 +11,7 @@ import inspect
 import json
 from pathlib import Path
 
-from harness.digest import KEY
+from harness.digest import KEY, lines_of
 from harness.errors import DefrayError
 from harness.figures.runs import Runs
 from harness.machines import key_of
@@ -90,7 +90,7 @@ def index_of(folder: Path) -> dict[str, list[dict]]:
     """Every row of the folder's files by id, as they are on file."""
     found: dict[str, list[dict]] = {}
     for path in sorted(folder.glob("*.jsonl")):
-        for line in path.read_text(encoding="utf-8").splitlines():
+        for line in lines_of(path.read_text(encoding="utf-8")):
             try:
                 row = json.loads(line)
             except ValueError:

@@ -6,6 +6,7 @@ import hashlib
 import json
 from pathlib import Path
 
+from harness.digest import lines_of
 from harness.errors import DefrayError
 from harness.figures.runs import STAND_IN, Runs, as_command, label_of, rung_of
 
@@ -68,7 +69,7 @@ def unfinished_runs(runs: Runs) -> list[dict]:
         return []
     measured = {record["id"] for record in runs.records}
     found = {}
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in lines_of(path.read_text(encoding="utf-8")):
         try:
             entry = json.loads(line)
         except ValueError:

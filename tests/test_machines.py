@@ -18,6 +18,9 @@ from harness.digest import sealed
 from harness.errors import DefrayError
 from harness.figures import view_pairs
 from harness.machines import merge
+from harness.migrate import migrate
+from harness.provenance import index_of
+from harness.record import RecordFile
 from harness.report import contents, read_machines, redraw
 from harness.report_parts import caption_of
 
@@ -75,6 +78,15 @@ def test_the_order_of_folders_does_not_matter(two, tmp_path):
     merge([yours, mine], tmp_path / "again")
     one, other = (read_machines(folder) for folder in (ours, tmp_path / "again"))
     assert [list(runs.all["run"]) for runs in one] == [list(runs.all["run"]) for runs in other]
+
+
+def test_a_text_with_a_line_separator_in_it_stays_one_row(tmp_path):
+    record = deferred("sponza") | {"command": "defray trace 'a\u2028b.ply'"}
+    (tmp_path / "mine").mkdir()
+    RecordFile(tmp_path / "mine" / "records.jsonl", validate=lambda row, _: row).append(record)
+    assert merge([tmp_path / "mine"], tmp_path / "ours") == {"records.jsonl": 1}
+    assert list(index_of(tmp_path / "ours")) == [record["id"]]
+    assert migrate(tmp_path / "ours") == {"records.jsonl": 0}
 
 
 def test_an_edited_record_is_not_merged(two):
