@@ -58,7 +58,7 @@ CheckOption = Annotated[
 ]
 TracerOption = Annotated[str, typer.Option(help="deferred, streamed, forward, work-optimal, brute or embree.")]
 IntersectorOption = Annotated[
-    str | None, typer.Option(help="Ray/triangle test, ray-space by default; an unknown name lists them all.")
+    str | None, typer.Option(help="Ray/triangle test: ray-space (default) or moller-trumbore; embree has its own.")
 ]
 SettingsOption = Annotated[
     list[str] | None,
