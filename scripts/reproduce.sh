@@ -30,14 +30,14 @@ if [ "$tier" != smoke ]; then
     [ "$work" -lt 128 ] || exit "$work"
 fi
 
-# Where nothing can be drawn, as on a machine that only measures, DEFRAY_REPORT=0.
+# Where nothing can be drawn or judged, as on a machine that only measures, DEFRAY_REPORT=0.
 report=0
 if [ "${DEFRAY_REPORT:-1}" != 0 ]; then
     .venv/bin/defray views "$out" >/dev/null || report=$?
     .venv/bin/defray report "$out" || report=$?
+    [ -f "$out/report.html" ] && echo "report: $out/report.html"
+    .venv/bin/defray claims "$out" || report=$?
 fi
-[ -f "$out/report.html" ] && echo "report: $out/report.html"
-.venv/bin/defray claims "$out" || report=$?
 [ "$sweep" -eq 0 ] || echo "reproduce: the sweep reported failed checks (exit code $sweep)" >&2
 [ "$accuracy" -eq 0 ] || echo "reproduce: accuracy could not be measured (exit code $accuracy)" >&2
 [ "$stability" -eq 0 ] || echo "reproduce: the stress suite failed (exit code $stability)" >&2

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import trimesh
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -102,3 +105,29 @@ def test_carry_refuses_to_overwrite_what_it_did_not_make(tmp_path):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 1 and "carry: error: " in done.stderr.splitlines()[-1]
     assert (tmp_path / "mine").is_dir()
+
+
+def test_what_is_left_out_is_needed_by_nothing_that_measures(tmp_path):
+    """A sweep on the grid that is chosen, and every other command that makes rows, with those packages missing."""
+    left_out = re.search(r'LEFT_OUT="([^"]*)"', (ROOT / "scripts/carry.sh").read_text()).group(1).split()
+    modules = {"pillow": "PIL", "pytest-benchmark": "pytest_benchmark", "fonttools": "fontTools",
+               "py-cpuinfo2": "cpuinfo"}
+    names = [modules.get(name, name) for name in left_out]
+    assert "matplotlib" in names
+    trimesh.creation.icosphere().export(tmp_path / "ball.ply")
+    (tmp_path / "sweeps.toml").write_text(
+        '[tiers.smoke]\nabout = "one run"\n[[tiers.smoke.sweeps]]\nname = "one"\nscenes = ["ball.ply"]\n'
+        'grids = ["auto"]\nrays = "1k"\nvariants = ["deferred:ray-space"]\n'
+    )
+    script = f"""
+import sys
+for name in {names!r}:
+    sys.modules[name] = None  # importing it fails
+import harness.accuracy, harness.coherence, harness.precision, harness.roofline, harness.stability.command
+from harness.cli import app
+app(["sweep", "sweeps.toml", "--tier", "smoke", "--out", "out"])
+"""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out/records.jsonl").read_text().count("\n") == 1
