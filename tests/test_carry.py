@@ -128,6 +128,7 @@ from harness.cli import app
 app(["sweep", "sweeps.toml", "--tier", "smoke", "--out", "out"])
 """
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out/records.jsonl").read_text().count("\n") == 1
