@@ -13,7 +13,7 @@ ifdef DEFRAY_SCENES
 export DEFRAY_SCENES
 endif
 
-# make fig05 redraws one figure; their numbers are those of the report.
+# make fig05 redraws one figure; their numbers are those of the report, which refuses one that it lacks.
 FIGURES := $(addprefix fig,01 02 03 04 05 06 07 08 09 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25)
 
 .PHONY: help setup packages second-device reproduce carry test test-all bench lint figures check-figures lock clean $(FIGURES)
@@ -21,6 +21,7 @@ FIGURES := $(addprefix fig,01 02 03 04 05 06 07 08 09 10 11 12 13 14 15 16 17 18
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@echo "  figNN          draw one figure of OUT again, by its number in the report"
 	@echo "variables: TIER=smoke|paper|full  DEVICE=part-of-a-name  OUT=folder  CARRIED=folder  DEFRAY_SCENES=folder"
 
 setup: ## make .venv and find or install an OpenCL device

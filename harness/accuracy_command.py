@@ -27,25 +27,28 @@ def accuracy(
         "results/out"
     ),
     tier: Annotated[
-        str | None, typer.Option(help="Scenes and counts of harness/paper/accuracy.toml: smoke, paper or full.")
+        str | None, typer.Option(help="Scenes, counts, variants of harness/paper/accuracy.toml; smoke, paper, full.")
     ] = None,
     variants: Annotated[
         str | None,
         typer.Option(
             metavar="A,B,...",
-            help="tracer:intersector[:option=value...], also binning=padded, closed, open or box. By default every "
-            "intersector in the deferred tracer, contraction off and on, every binning, forward, and Embree.",
+            help="tracer:intersector[:option=value...], also binning=padded, closed, open or box (the grid's overlap "
+            "test). By default every intersector in the deferred tracer, contraction off and on, every binning, "
+            "forward, and Embree; with --tier, the tier's.",
         ),
     ] = None,
-    rays: Annotated[str | None, typer.Option(metavar="COUNT", help="Diffuse rays, timed; 100k by default.")] = None,
+    rays: Annotated[
+        str | None, typer.Option(metavar="COUNT", help="Diffuse rays, timed; 100k, or the tier's.")
+    ] = None,
     aimed: Annotated[
         str | None,
         typer.Option(
             metavar="COUNT",
-            help="Rays aimed at edges and vertices; 1M by default. N rays without a leak show a rate below 3/N.",
+            help="Rays aimed at edges and vertices; 1M, or the tier's. N rays without a leak show a rate below 3/N.",
         ),
     ] = None,
-    repetitions: Annotated[int | None, typer.Option(min=1, help="Timed repetitions; 5 by default.")] = None,
+    repetitions: Annotated[int | None, typer.Option(min=1, help="Timed repetitions; 5, or the tier's.")] = None,
     precision: Annotated[
         bool,
         typer.Option("--precision", help="Also measure resolution, precision and rays a pixel: precision.jsonl."),
@@ -58,8 +61,8 @@ def accuracy(
 ) -> None:
     """Chart speed against accuracy: rate, leaks of aimed rays and errors of t for many variants of tracers.
 
-    The variants of a scene are timed in turns; each is stored once all are timed and its own errors are known. What
-    is interrupted before goes on with --resume from the start of that scene.
+    The variants of a scene are timed in turns; each is stored once all are timed and its own errors are known.
+    What is interrupted before goes on with --resume from the start of that scene.
     """
     parts = _parts(scenes or [], tier, rays, aimed, repetitions)
     given = {} if variants is None else {"contenders": parse_contenders(variants)}
@@ -81,7 +84,9 @@ def recommend(
     folder: Annotated[
         Path | None,
         typer.Option(
-            "--from", metavar="DIR", help="Folder with accuracy.jsonl; results/out, then results/reference/*."
+            "--from",
+            metavar="DIR",
+            help="Folder with accuracy.jsonl; by default results/out, then results/reference/*.",
         ),
     ] = None,
     device: DeviceOption = None,

@@ -1,4 +1,4 @@
-"""`--grid auto`: the density of an adaptive grid and a deferred tracer's wave and batch, by a cost model.
+"""`--grid auto`: the density of an adaptive grid and a deferred tracer's waves and batch, by a cost model.
 
 A grid of half the default density is built on trial and a sample of the rays walked through it; their work at every
 other setting follows, and the model says what it costs. Of those within TOLERANCE of the best the smallest is taken.

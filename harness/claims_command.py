@@ -14,8 +14,11 @@ def claims(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a sweep, with its records.jsonl.")],
     json: JsonOption = False,
 ) -> None:
-    """Judge the paper's claims by a sweep's records: reproduced, shape only, contradicted, inconclusive, or not
-    attempted and why, on each machine of the folder. The rules stand in harness/paper/claims.toml."""
+    """Judge the paper's claims by a sweep's records, on each machine of the folder.
+
+    Reproduced, shape only, contradicted, inconclusive, or not attempted and why.
+    The rules stand in harness/paper/claims.toml.
+    """
     from harness.claims import claims_table, judge_all
     from harness.claims.judge import as_document
     from harness.report import read_machines

@@ -33,7 +33,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
-    help="Benchmark deferred ray tracing: rays are sorted by the grid cell they visit, then cells are "
+    help="Benchmark deferred ray tracing: rays are binned by the grid cells they visit, then bins are "
     "intersected one after the other. Every result is checked against an independent ray tracer; a run "
     "that fails its check has no rate.\n\n"
     "Start with [bold]defray doctor[/bold] (does OpenCL work here?), then "
@@ -48,8 +48,8 @@ GridOption = Annotated[
     str | None,
     typer.Option(
         metavar="GRID",
-        help="'auto': density, wave and batch by a cost model, for the scene, the rays, the device and the "
-        "deferred variant, if there is one; or a grid in one text: '8/128', 'adaptive density=0.3'.",
+        help="'auto': density, wave, growth and batch by a cost model, for the scene, the rays, the device and the "
+        "deferred variant, if there is one; or a grid in one text: '8/128 total', 'adaptive density=0.3'.",
     ),
 ]
 RepetitionsOption = Annotated[int, typer.Option(min=1, help="Timed repetitions.")]
@@ -58,22 +58,27 @@ CheckOption = Annotated[
 ]
 TracerOption = Annotated[str, typer.Option(help="deferred, streamed, forward, work-optimal, brute or embree.")]
 IntersectorOption = Annotated[
-    str | None, typer.Option(help="Ray/triangle test: ray-space (default) or moller-trumbore; embree has its own.")
+    str | None,
+    typer.Option(
+        help="Ray/triangle test: ray-space (default), moller-trumbore or another of harness/intersectors.py; embree "
+        "has its own."
+    ),
 ]
 SettingsOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="KEY=VALUE",
         help="Option of the tracer, may be repeated: wave, growth (deferred, streamed), arrange, compaction, pairs, "
-        "form (deferred), streams (streamed), exit (forward), lanes, batch, contraction, robust, threads (embree).",
+        "form (deferred), streams (streamed), exit (forward), lanes, batch, contraction (all on a device), robust, "
+        "threads (embree).",
     ),
 ]
 RayFileOption = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Your own rays instead of --kind: .npz with 'origins' and 'directions' float[n,3] and maybe "
-        "'t_max' float[n], or raw little-endian 6 x float32 a ray; the first --rays of them.",
+        help="Your own rays instead of --kind: .npz with 'origins' and 'directions' float\\[n,3] and maybe "
+        "'t_max' float\\[n], or raw little-endian 6 x float32 a ray; the first --rays of them.",
     ),
 ]
 
@@ -196,7 +201,9 @@ def sweep(
         Path, typer.Argument(metavar="FILE.toml", help="Sweep file; see harness/paper/sweeps.toml.")
     ],
     out: Annotated[Path, typer.Option(help="Folder for the records; made if it is not there.")],
-    tier: Annotated[str, typer.Option(help="Which part of the file to run: smoke, paper or full.")] = "paper",
+    tier: Annotated[
+        str, typer.Option(help="Tier of the file to run; the project's own file has smoke, paper and full.")
+    ] = "paper",
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with a sweep that was stopped; finished runs are kept.")
     ] = False,
@@ -205,7 +212,7 @@ def sweep(
         int | None, typer.Option(help="Seed of the order of the runs; drawn and recorded by default.")
     ] = None,
 ) -> None:
-    """Run all measurements of a tier, storing each at once; a stopped sweep resumes with --resume."""
+    """Run all measurements of a tier, storing each at once; a stopped sweep goes on with --resume."""
     from harness.sweep import SweepRequest, run_sweep
 
     raise typer.Exit(run_sweep(SweepRequest(file, tier, out, resume, device, seed)))
@@ -235,7 +242,7 @@ def report(
         str | None, typer.Option(metavar="FIGURE", help="Redraw one figure or table alone: fig05, or its name.")
     ] = None,
 ) -> None:
-    """Draw figures and tables of a sweep's records and write report.html; prints where it is."""
+    """Draw figures and tables of a sweep's records, judge the claims, write report.html and report.pdf."""
     from harness.report import redraw, write_report
 
     _records_of(folder)

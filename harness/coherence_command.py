@@ -42,8 +42,8 @@ def coherence(
 ) -> None:
     """Count lanes at work, cache lines and disagreement of groups of 8 and 32 rays, exactly.
 
-    The counts come from the real cell sequences of the rays and are the same on every device. They are compared with
-    those of the tracers before they are stored.
+    The counts come from the real cell sequences of the rays and are the same on every device.
+    They are compared with those of the tracers before they are stored.
     """
     from harness.coherence_rows import coherence_file
     from harness.plan import make_grid, parse_count

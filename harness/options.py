@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 DeviceOption = Annotated[
-    str | None, typer.Option(metavar="PART", help="Part of a device's name in 'defray doctor'.")
+    str | None, typer.Option(metavar="PART", help="Part of 'platform / name' as 'defray doctor' prints it.")
 ]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON on standard output, nothing else there.")
@@ -25,7 +25,7 @@ LeafOption = Annotated[
     typer.Option(help="Cells per axis of its second level, see --reading: 128, or at most 16 if adaptive."),
 ]
 DensityOption = Annotated[
-    float | None, typer.Option(help="Leaf cells per triangle that an adaptive grid aims at.")
+    float | None, typer.Option(help="Leaf cells per triangle that an adaptive grid aims at; 0.3 by default.")
 ]
 ReadingOption = Annotated[
     str,

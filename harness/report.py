@@ -1,8 +1,9 @@
 """One report of an output folder: figures as files, tables as CSV, and a page that needs nothing else.
 
 `write_report(folder)` reads `records.jsonl` and, where they exist, `accuracy.jsonl`, `precision.jsonl`,
-`stability.json`, `env.json`, `sweep.json`, `errors.jsonl` and `views/SCENE.png`. What a figure or table shows is
-decided in its own module. A folder that holds several machines gets one report with each of them.
+`coherence.jsonl`, `roofline.jsonl`, `stability.json`, `env.json`, `sweep.json`, `errors.jsonl` and `views/SCENE.png`.
+What a figure or table shows is decided in its own module. A folder that holds several machines gets one report with
+each of them.
 """
 
 from __future__ import annotations

@@ -180,9 +180,10 @@ METHODS = (
     "Runs on the same rays and grid are warmed up, then measured in one process with their repetitions "
     "interleaved in random order, so that a change of the machine strikes all of them. A rate is rays over "
     "seconds, the median of the repetitions with its 95 % interval; a ratio pairs repetitions. No rate includes "
-    "loading the scene or building the grid, each of which is reported apart.",
+    "loading the scene, nor building the grid or Embree's hierarchy, which is reported apart.",
     "Every run's hits are compared ray by ray with Embree's, and each ray in dispute is settled in exact integer "
     "arithmetic. A run that fails has no rate and is drawn nowhere; a run that nobody checked has none either. "
+    "Speed against accuracy alone shows rates of variants that fail, beside their errors. "
     "Counters of work (steps, pairs, tests) are exact integers from an instrumented build, equal in every run.",
     "Each record is a line of JSON with a digest of its own content. A record that was edited, that lacks a key "
     "or is of a foreign schema is refused by name, and no report is drawn. Where the paper's geometry is not at "

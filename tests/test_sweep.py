@@ -226,6 +226,7 @@ def test_the_projects_own_tiers_expand(fakes):
         "deferred",
         "embree",
         "forward",
+        "streamed",
         "work-optimal",
     }
     assert {spec.scene for spec in smoke} == {"sponza", "conference"}

@@ -111,9 +111,13 @@ def _numbers(one: Judged) -> Markup:
     return Markup(
         '{measured}<br><span class="needed">needed: {short}</span>'
         "<details><summary>numbers</summary><ul>{findings}</ul>"
-        "<p>Records: <code>{records}</code></p><p><code>{command}</code>, about {minutes:g} minutes</p></details>"
+        "<p>Records: <code>{records}</code></p><p><code>{command}</code>; what it needs takes {minutes}</p></details>"
     ).format(measured=measured_text(one), short=one.needed, findings=findings,
-             records=" ".join(one.records) or "none", command=one.claim.command, minutes=one.claim.minutes)
+             records=" ".join(one.records) or "none", command=one.claim.command, minutes=_minutes(one.claim.minutes))
+
+
+def _minutes(minutes: float) -> str:
+    return f"about {minutes:g} minutes" if minutes > 1 else "a minute at most"
 
 
 def finding_text(finding: Finding) -> str:

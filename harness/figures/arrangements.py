@@ -79,7 +79,7 @@ def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     if len(sorting):
         low, high = (style.three_digits(end) for end in (sorting["arrange_ns_per_pair"].min(),
                                                          sorting["arrange_ns_per_pair"].max()))
-        text += (f" {runs.published['claims']['sorting']['text'].capitalize()}, on a GPU of 2014; here {low} to "
+        text += (f" {runs.published['claims']['sorting']['text'].capitalize()}, on the paper's GPU; here {low} to "
                  f"{high} ms per million.")
     return f"{text} {runs.grid_note()}"
 

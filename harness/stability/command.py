@@ -27,8 +27,8 @@ def stability(
 ) -> None:
     """Test intersectors where methods fail: edges, slivers, distance, degenerate input, the grid, ray offsets.
 
-    Every one runs with floating-point contraction off and on. Exits with 1 where one that is registered as
-    watertight leaks, or the default one fails any family.
+    Every one runs with floating-point contraction off and on.
+    Exits with 1 where one that is registered as watertight leaks, or the default one fails any family.
     """
     from harness.device import machine_description, open_device
     from harness.intersectors import DEFAULT, find
