@@ -17,6 +17,15 @@ if TYPE_CHECKING:
     from harness.accuracy import Contender, Plan
 
 TIERS = Path(__file__).parent / "paper" / "accuracy.toml"
+VariantsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A,B,...",
+        help="tracer:intersector[:option=value...], also binning=padded, closed, open or box (the grid's overlap "
+        "test). By default every intersector in the deferred tracer, contraction off and on, every binning, "
+        "forward, and Embree; with --tier, the tier's.",
+    ),
+]
 
 
 def accuracy(
@@ -29,15 +38,7 @@ def accuracy(
     tier: Annotated[
         str | None, typer.Option(help="Scenes, counts, variants of harness/paper/accuracy.toml; smoke, paper, full.")
     ] = None,
-    variants: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B,...",
-            help="tracer:intersector[:option=value...], also binning=padded, closed, open or box (the grid's overlap "
-            "test). By default every intersector in the deferred tracer, contraction off and on, every binning, "
-            "forward, and Embree; with --tier, the tier's.",
-        ),
-    ] = None,
+    variants: VariantsOption = None,
     rays: Annotated[
         str | None, typer.Option(metavar="COUNT", help="Diffuse rays, timed; 100k, or the tier's.")
     ] = None,

@@ -169,7 +169,7 @@ def compare(
     json: JsonOption = False,
 ) -> None:
     """Compare variants on the same rays, repetitions interleaved, as ratios with confidence intervals."""
-    from harness.compare import comparison
+    from harness.compare import comparison, scene_names
     from harness.plan import interleaved, make_grid
     from harness.spec import Variant
 
@@ -178,7 +178,7 @@ def compare(
     chosen = make_grid(top, leaf, reading, density, grid)
     common = _common(rays, kind, seed, view, repetitions, check)
     parsed = [Variant.parse(text) for text in variants]
-    groups = [list(interleaved(name, parsed, [chosen], **common)) for name in _named(scenes)]
+    groups = [list(interleaved(name, parsed, [chosen], **common)) for name in scene_names(scenes)]
     if any(len({spec.id for spec in group}) < len(group) for group in groups):
         raise DefrayError("the same variant is named twice")
     results = [comparison(group, _measure(group, device)) for group in groups]
@@ -288,18 +288,6 @@ def _records_of(folder: Path) -> Path:
     if not file.is_file():
         raise DefrayError(f"{folder} has no records.jsonl; run a sweep first: defray sweep FILE --out {folder}")
     return file
-
-
-def _named(scenes: str) -> list[str]:
-    """Scenes of `A,B`, each once; raises DefrayError where there is none, or one that is not known."""
-    from harness.scene import check_name
-
-    names = list(dict.fromkeys(name.strip() for name in scenes.split(",") if name.strip()))
-    if not names:
-        raise DefrayError(f"--scenes '{scenes}' names no scene")
-    for name in names:
-        check_name(name)
-    return names
 
 
 def _common(rays: str, kind: str, seed: int, view: str | None, repetitions: int, check: str) -> dict:

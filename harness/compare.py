@@ -5,7 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from harness import stats
+from harness.errors import DefrayError
 from harness.spec import RunSpec
+
+
+def scene_names(text: str) -> list[str]:
+    """Scenes of `A,B`, each once; raises DefrayError where there is none, or one that is not known."""
+    from harness.scene import check_name
+
+    names = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not names:
+        raise DefrayError(f"--scenes '{text}' names no scene")
+    for name in names:
+        check_name(name)
+    return names
 
 
 def comparison(specs: Sequence[RunSpec], records: Sequence[dict]) -> dict:
