@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from harness import tracers
+from harness import adaptive, cost_model, sampling, tracers
 from harness.adaptive import AdaptiveGrid
 from harness.cache import cache_folder
 from harness.cost_model import CostModel, Run, fit
@@ -98,9 +98,10 @@ def _digest(*parts) -> str:
 
 @functools.cache
 def kernels_digest() -> str:
-    """Of the source of all kernels and of the tracers that launch them."""
+    """Of the source of all kernels, of the tracers that launch them, and of what builds grids and fits the model."""
     folders = (KERNELS, Path(tracers.__file__).parent)
     files = sorted(file for folder in folders for file in folder.rglob("*") if file.suffix in (".cl", ".clh", ".py"))
+    files += [Path(module.__file__) for module in (adaptive, cost_model, sampling)]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 

@@ -364,7 +364,7 @@ def main() -> None:
         sys.exit(app(prog_name="defray", standalone_mode=False))
     except DefrayError as error:
         _print_error(str(error))
-        sys.exit(2)
+        sys.exit(error.exit_code)
     except UsageError as error:
         where = error.ctx.command_path if error.ctx else "defray"
         _print_error(f"{error.format_message()} ('{where} --help' explains)")

@@ -4,9 +4,17 @@
 class DefrayError(Exception):
     """Bad input or a missing device; `str(error)` is one line saying what is wrong and what to do."""
 
+    exit_code = 2
+
     def __str__(self) -> str:
         # A path or a library's message may bring line breaks of its own.
         return " ".join(super().__str__().split())
+
+
+class CheckFailed(DefrayError):
+    """Hits that a check found wrong."""
+
+    exit_code = 1
 
 
 def known(kind: str, name: str, names) -> DefrayError:

@@ -11,7 +11,7 @@ import numpy as np
 from harness import intersectors, stats, tracers
 from harness.accuracy import Tell, diagonal_of, distance_rmse
 from harness.accuracy_rows import SCHEMA
-from harness.check import Checker
+from harness.check import Agreement, Checker
 from harness.data import GridSpec, Hits, Rays, Scene
 from harness.exact import zero_area
 from harness.grid import build_grid
@@ -84,7 +84,7 @@ def measure_precision(
         yield study.row(entry.knob, entry.value, entry.variant, rays, entry.seconds) | {
             "error": distance_rmse(primary, entry.hits.t, reference, diagonal),
             "image_error": image_error if entry.value == "half" else None,
-            "differing": rays - found.same - found.tie - found.t_off,
+            "differing": differing(found),
         }
     yield from samples
 
@@ -93,7 +93,7 @@ class _Study:
     """A scene in single and in half precision, with the tracers that walk it."""
 
     def __init__(self, shared: SharedScene, device):
-        self.scene, self.device = shared.scene, device
+        self.scene, self.device, self.active = shared.scene, device, shared.active
         self.full = shared.setting
         rough = half_precision(shared.scene.triangles)
         active = ~zero_area(rough)
@@ -141,20 +141,22 @@ class _Study:
                       for tracer in (self.of_full, self.of_half))
         seen = (full >= 0) & (half >= 0)
         rays, full, half = rays[seen], full[seen], half[seen]
-        many, _ = self._open_share(self.of_full, rays, full, range(MANY))
+        many, *_ = self._open_share(self.of_full, rays, full, range(MANY))
         tell("ambient occlusion in half precision", 0.65)
-        rough, _ = self._open_share(self.of_half, rays, half, range(MANY))
+        rough, *_ = self._open_share(self.of_half, rays, half, range(MANY))
         rows = []
         for count in SAMPLES:
             tell(f"ambient occlusion, {count} rays a pixel", 0.8)
-            few, seconds = self._open_share(self.of_full, rays, full, range(MANY, MANY + count))
+            few, seconds, differ = self._open_share(self.of_full, rays, full, range(MANY, MANY + count), check=True)
             row = self.row("samples", str(count), str(self.variant), count * len(rays), [seconds])
-            rows.append(row | {"error": rmse(few, many)})
+            rows.append(row | {"error": rmse(few, many), "differing": differ})
         return rmse(rough, many), rows
 
-    def _open_share(self, tracer: Tracer, primary: Rays, primitive, turns: range) -> tuple[np.ndarray, float]:
-        """float64[n]: share of occlusion rays that reach nothing, and the seconds they took."""
-        free, cast, seconds = np.zeros(len(primary)), np.zeros(len(primary)), 0.0
+    def _open_share(
+        self, tracer: Tracer, primary: Rays, primitive, turns: range, check: bool = False
+    ) -> tuple[np.ndarray, float, int]:
+        """float64[n]: share of occlusion rays that reach nothing; the seconds they took; checked hits that differ."""
+        free, cast, seconds, differ = np.zeros(len(primary)), np.zeros(len(primary)), 0.0, 0
         for first in range(0, len(turns), TOGETHER):
             scene: Scene = tracer.setting.scene
             parts = [bounce(scene, primary, primitive, "ambient-occlusion", SEED, turn)
@@ -162,11 +164,19 @@ class _Study:
             columns = (np.concatenate([getattr(rays, name) for rays, _ in parts])
                        for name in ("origins", "directions", "t_max"))
             pixels = np.concatenate([whose for _, whose in parts])
-            hits, time = self._timed(tracer, Rays(*columns, "ambient-occlusion", SEED))
+            rays = Rays(*columns, "ambient-occlusion", SEED)
+            hits, time = self._timed(tracer, rays)
+            if check:
+                differ += differing(Checker(scene.triangles, rays, active=self.active).check(hits))
             free += np.bincount(pixels[hits.primitive < 0], minlength=len(primary))
             cast += np.bincount(pixels, minlength=len(primary))
             seconds += time
-        return np.divide(free, cast, out=np.ones_like(free), where=cast > 0), seconds
+        return np.divide(free, cast, out=np.ones_like(free), where=cast > 0), seconds, differ
+
+
+def differing(found: Agreement) -> int:
+    """Rays whose hit is neither the exact one nor as near, but for rounding of t."""
+    return found.rays - found.same - found.tie - found.t_off
 
 
 def rmse(image: np.ndarray, other: np.ndarray) -> float:

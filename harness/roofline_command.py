@@ -51,7 +51,7 @@ def roofline(
     Ceilings (copying from memory and from the last cache, fused multiply-adds) are measured in the same repetitions.
     The report draws the rows as a roofline.
     """
-    from harness.errors import DefrayError
+    from harness.errors import CheckFailed, DefrayError
     from harness.plan import make_grid, parse_count
     from harness.roofline import measure_roofline
     from harness.roofline_rows import roofline_file
@@ -69,7 +69,7 @@ def roofline(
         print_instructions(parsed)
     for row in rows:
         if not row["valid"]:
-            raise DefrayError(f"check failed: {row['scene']['name']} {row['variant']}; no times are reported")
+            raise CheckFailed(f"check failed: {row['scene']['name']} {row['variant']}; no times are reported")
 
 
 def device_variants(text: str) -> list:

@@ -93,21 +93,27 @@ def quotient(rates: Sequence[float], base_rates: Sequence[float], confidence: fl
     return Interval(middle, float(low), float(high))
 
 
-def geometric_mean(pairs: Sequence[tuple[Sequence[float], Sequence[float]]], confidence: float = 0.95) -> Interval:
+def geometric_mean(
+    pairs: Sequence[tuple[Sequence[float], Sequence[float]]],
+    together: Sequence[bool] | None = None,
+    confidence: float = 0.95,
+) -> Interval:
     """Geometric mean over scenes of median rate over median base rate, each pair being one scene's repetitions.
 
-    Repetitions are resampled within each scene, as `ratio` does where both sides have as many, else as `quotient`
-    does; the scenes themselves are fixed, so the interval speaks of these scenes and of no others.
+    Repetitions are resampled within each scene: as `ratio` does where both sides were measured `together`, in turns
+    (by default where they have as many), else as `quotient` does. The scenes themselves are fixed, so the interval
+    speaks of these scenes and of no others.
     """
     if not len(pairs):
         raise DefrayError("a mean over scenes needs a scene")
     logs, generator = [], np.random.default_rng(0)
-    for rates, base_rates in pairs:
+    if together is None:
+        together = [len(rates) == len(base_rates) for rates, base_rates in pairs]
+    for (rates, base_rates), paired in zip(pairs, together, strict=True):
         sample, base = _finite(rates), _finite(base_rates)
         if min(sample.min(), base.min()) <= 0:
             raise DefrayError("a ratio needs rates above zero")
         rows = generator.integers(0, len(sample), (RESAMPLES, len(sample)))
-        paired = len(sample) == len(base)
         base_rows = rows if paired else generator.integers(0, len(base), (RESAMPLES, len(base)))
         logs.append((np.log(np.median(sample) / np.median(base)),
                      np.log(np.median(sample[rows], axis=-1) / np.median(base[base_rows], axis=-1))))

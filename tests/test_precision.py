@@ -53,6 +53,7 @@ def test_half_precision_is_the_error_and_resolution_is_none(rows):
 
 def test_noise_falls_as_rays_a_pixel_grow(rows):
     errors = [rows["samples", str(count)]["error"] for count in module.SAMPLES]
+    assert all(rows["samples", str(count)]["differing"] == 0 for count in module.SAMPLES)
     assert errors[0] > 2 * errors[2] and errors[1] > errors[3]
 
 

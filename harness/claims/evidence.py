@@ -89,8 +89,8 @@ def _counter(record: dict, name: str) -> float:
 class Pair:
     """Two runs on the same rays of one scene, and the ratio of their values with its 95 % interval.
 
-    `samples`: the values of both sides, repetition by repetition. The interval is None for timings with too few
-    repetitions.
+    `samples`: the values of both sides, repetition by repetition; `together`: in turns, so that they are paired. The
+    interval is None for timings with too few repetitions.
     """
 
     scene: str
@@ -102,6 +102,7 @@ class Pair:
     samples: tuple[list[float], list[float]]
     runs: tuple[str, ...]
     grids: tuple[str, ...]
+    together: bool
 
 
 def scene_rows(runs: Runs, scene: str) -> pd.DataFrame:
@@ -148,18 +149,18 @@ def make_pair(one: pd.Series, two: pd.Series, of: Operand, to: Operand) -> Pair:
     """The ratio of two runs. Repetitions are paired where both ran in one group, beside the same grid."""
     over, under = of.values(one["record"]), to.values(two["record"])
     exact = of.count is not None and to.count is not None
+    together = len(over) == len(under) and one["beside"] == two["beside"]
     value = float(pd.Series(over).median() / pd.Series(under).median())
     if exact:
         found = Interval(value, value, value)
     elif min(len(over), len(under)) < LEAST_REPETITIONS:
         found = None
     else:
-        together = len(over) == len(under) and one["beside"] == two["beside"]
         found = (ratio if together else quotient)(over, under)
         value = found.median
     runs = tuple(dict.fromkeys((one["run"], two["run"])))
     return Pair(one["scene"], one["title"], int(one["triangles"]), one["source"] == "stand-in", value, found,
-                (over, under), runs, (one["grid"], two["grid"]))
+                (over, under), runs, (one["grid"], two["grid"]), together)
 
 
 def rungs(runs: Runs, scene: str, of: Operand, to: Operand) -> list[Pair]:

@@ -40,17 +40,17 @@ def _ours(runs: Runs) -> list[dict]:
     """The fastest deferred run and each Embree on the paper's real scenes: a stand-in has no place beside them."""
     known = {plain(scene["name"]): scene["name"] for scene in runs.published["scene"]}
     found = []
-    for tracer in ("deferred", "embree"):
-        rows = runs.diffuse[(runs.diffuse["tracer"] == tracer) & (runs.diffuse["source"] == "real")]
-        kinds = rows["options"] if tracer == "embree" else rows["tracer"]
-        for kind, some in rows.groupby(kinds, sort=False):
-            system = "deferred, fastest measured" if tracer == "deferred" else embree_title(kind)
-            for scene, runs_there in some.groupby("scene", sort=False):
-                run = best(runs_there)
-                if run is not None and plain(scene) in known:
-                    row = _row(known[plain(scene)], system, OURS, run["total"], "diffuse", "records of this report")
-                    found.append(row | {"rate_mrays_per_s_low": run["total_low"],
-                                        "rate_mrays_per_s_high": run["total_high"], "runs": run["run"]})
+    rows = runs.diffuse[runs.diffuse["source"] == "real"]
+    deferred = rows[rows["tracer"].isin(("deferred", "streamed"))]
+    embree = rows[rows["tracer"] == "embree"].groupby("options", sort=False)
+    systems = [("deferred, fastest measured", deferred), *((embree_title(kind), some) for kind, some in embree)]
+    for system, some in systems:
+        for scene, runs_there in some.groupby("scene", sort=False):
+            run = best(runs_there)
+            if run is not None and plain(scene) in known:
+                row = _row(known[plain(scene)], system, OURS, run["total"], "diffuse", "records of this report")
+                found.append(row | {"rate_mrays_per_s_low": run["total_low"],
+                                    "rate_mrays_per_s_high": run["total_high"], "runs": run["run"]})
     return found
 
 

@@ -10,7 +10,7 @@ from harness.figures.runs import Runs, beside, best, robust_embree
 ORDER = 66
 SECTION = "End to end"
 TITLE = "Build time and rays to break even"
-NEEDS = "diffuse runs of the deferred tracer and of forward or Embree"
+NEEDS = "diffuse runs of a deferred tracer and of forward or Embree"
 
 
 def select(runs: Runs) -> pd.DataFrame:
@@ -21,7 +21,8 @@ def select(runs: Runs) -> pd.DataFrame:
 
 def _scene(scene: pd.DataFrame) -> dict | None:
     embree = robust_embree(scene)
-    picked = {tracer: best(scene[scene["tracer"] == tracer]) for tracer in ("deferred", "forward")}
+    kinds = {"deferred": ("deferred", "streamed"), "forward": ("forward",)}
+    picked = {name: best(scene[scene["tracer"].isin(tracers)]) for name, tracers in kinds.items()}
     picked["embree"] = best(embree)
     ours = picked.pop("deferred")
     if ours is None or all(other is None for other in picked.values()):
@@ -51,7 +52,7 @@ def _cost(row: pd.Series | None, scene: pd.DataFrame) -> Cost | None:
 def build_seconds(row: pd.Series, scene: pd.DataFrame) -> float | None:
     """Seconds of building what the run used: the shortest of the scene's builds of it; None where none is known."""
     if row["grid"] == "":
-        same = [record for record in scene["record"] if record["tracer"] == row["tracer"]]
+        same = scene["record"][(scene["tracer"] == row["tracer"]) & (scene["options"] == row["options"])]
         known = [record.get("hierarchy_build_seconds") for record in same]
     else:
         same = [record for record in scene["record"] if _size(record) == _size(row["record"])]
@@ -68,9 +69,9 @@ def _size(record: dict) -> tuple:
 
 def caption(runs: Runs, numbers: pd.DataFrame) -> str:
     """What is compared."""
-    return ("The fastest run of each tracer on each scene's main workload, with the time to build its grid or "
-            "Embree's hierarchy, the shortest on record (a process's first build also compiles the builder's "
-            "kernels); of Embree's runs the one measured beside the fastest deferred one. Rays until ahead: from "
-            "that number of rays on, building and tracing take deferred tracing "
+    return ("The fastest deferred run, of either tracer, and the fastest of the others on each scene's main "
+            "workload, with the time to build its grid or Embree's hierarchy, the shortest on record (a process's "
+            "first build also compiles the builder's kernels); of Embree's runs the one measured beside the fastest "
+            "deferred one. Rays until ahead: from that number of rays on, building and tracing take deferred tracing "
             "less time than the other; 0: from the first ray, inf: never. Choosing a grid and building one on trial "
             "are not included.")

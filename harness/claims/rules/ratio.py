@@ -55,10 +55,12 @@ class Rule(Strict):
 
 def _mean(pairs: list[Pair]) -> dict:
     """The geometric mean over the scenes that have an interval."""
-    samples = [pair.samples for pair in pairs if pair.interval]
+    pairs = [pair for pair in pairs if pair.interval]
+    samples = [pair.samples for pair in pairs]
     if not samples or min(min(side) for both in samples for side in both) <= 0:
         return {}
-    return {"geometric_mean": geometric_mean(samples).as_dict(), "scenes": len(samples)}
+    mean = geometric_mean(samples, [pair.together for pair in pairs])
+    return {"geometric_mean": mean.as_dict(), "scenes": len(samples)}
 
 
 def _ends(pair: Pair | None) -> tuple[float | None, float | None]:
