@@ -62,6 +62,11 @@ class AdaptiveGrid(Grid):
         return np.unique(self.top_counts, return_counts=True)
 
     @property
+    def table_bytes(self) -> int:
+        """Of the tables of both levels, which a walk reads."""
+        return table_bytes(self.top_block.nbytes, self.cells)
+
+    @property
     def arguments(self) -> tuple:
         """The grid as kernel arguments, in the order of GRID_ARGUMENTS."""
         return *super().arguments, np.array(self.shape, np.int32)
@@ -75,6 +80,11 @@ class AdaptiveGrid(Grid):
         """The `grid` part of a record."""
         found = {"top": max(self.shape[:3]), "cells": self.cells, "density": self.density}
         return {**super().describe(), **found, "resolution": list(self.shape[:3])}
+
+
+def table_bytes(top_bytes: int, cells: float) -> float:
+    """Bytes of both levels' tables: a leaf cell has its number and its box."""
+    return top_bytes + 8 * cells
 
 
 def top_shape(extent: np.ndarray, triangles: int, top: int = 0) -> np.ndarray:

@@ -13,17 +13,27 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from harness import tracers
-from harness.adaptive import DENSITY, AdaptiveGrid, levels_of
+from harness.adaptive import DENSITY, AdaptiveGrid, levels_of, table_bytes
 from harness.calibrate import FAST, cost_models
 from harness.cost_model import CostModel
 from harness.data import ADAPTIVE_LEAF, GridSpec, Rays
 from harness.grid import Grid, build_grid
 from harness.intersectors import Intersector
-from harness.sampling import Sample, Work, far_bins, far_triangles, sample_rays, some_of, unused_slots
+from harness.sampling import (
+    Chances,
+    Sample,
+    Work,
+    far_bins,
+    far_grid,
+    far_triangles,
+    sample_rays,
+    some_of,
+    unused_slots,
+)
 from harness.tracers._base import DeviceTracer, Setting
 
 TOLERANCE = 0.05
-DENSITIES = tuple(DENSITY * 2.0**k for k in range(-3, 4))
+DENSITIES = tuple(DENSITY * 2.0**k for k in range(-2, 4))  # much coarser than the trial grid, predictions are off
 TRIAL = DENSITY / 2  # of the grid built on trial: in the middle of what is chosen, and so often the one
 WAVES = ((2, 1), (2, 2), (3, 2), (4, 1), (4, 2), (8, 2))  # wave and growth
 BATCHES = (1 << 20, 1 << 22)
@@ -153,7 +163,7 @@ def candidates(
     """Every density with every wave and batch that the options given allow; `walker` walked `sample`."""
     trial, tracer = walker.grid, model.tracer
     sizes = [_size(model, trial, density, walker.scene.active_count) for density in DENSITIES]
-    finer, sizes = (np.array(values) for values in zip(*sizes, strict=True))
+    finer, tables, sizes = (np.array(values) for values in zip(*sizes, strict=True))
 
     def of(work: Work, wave: int, growth: int, batch: int) -> list[Candidate]:
         times = np.broadcast_to(model.nanoseconds(work), sizes.shape)
@@ -164,34 +174,35 @@ def candidates(
 
     if tracer not in DEFERRED:
         return of(model.scaled(sample.forward_work(), finer), 0, 0, 0)
-    made, spread, beyond = [], sample.spread(trial.nonempty), far_triangles(walker)
+    made, chances, beyond = [], sample.chances(trial.nonempty), far_triangles(walker)
     for batch in batches(rays, given):
         at_once = min(rays, batch)
         for wave, growth in waves(given):
             work, per_wave = sample.deferred_work(wave, growth, at_once)
-            work = replace(work, far=beyond)
-            made += of(_with_bins(model, work, per_wave, walker, finer, at_once, spread), wave, growth, batch)
+            work = replace(work, far=beyond, far_grid=far_grid(walker.device, tables))
+            made += of(_with_bins(model, work, per_wave, walker, finer, at_once, chances), wave, growth, batch)
     return made
 
 
 def _with_bins(
     model: CostModel, work: Work, per_wave: np.ndarray, walker: DeviceTracer, finer: np.ndarray, rays: int,
-    spread: float,
+    chances: Chances,
 ) -> Work:
     """The work of a setting in grids `finer` float64[n] times as fine, its bins counted in."""
     scaled, cells = model.scaled(work, finer), walker.grid.nonempty * model.factor("nonempty", finer)
-    empty = model.padding * unused_slots(walker, cells, per_wave, rays, spread)
+    empty = model.padding * unused_slots(walker, cells, per_wave, rays, chances)
     return replace(
         scaled,
         slots=scaled.pairs + empty,
         lane_tests=scaled.tests * (1 + model.idle * empty / np.maximum(scaled.pairs, 1e-9)),
-        far_bins=far_bins(walker, cells),
+        far_bins=far_bins(walker, cells, chances),
         cell_waves=cells * work.waves,
     )
 
 
-def _size(model: CostModel, trial: AdaptiveGrid, density: float, triangles: int) -> tuple[float, float]:
-    """How many times as many leaf cells per axis a density gives as the trial grid has, and its bytes.
+def _size(model: CostModel, trial: AdaptiveGrid, density: float, triangles: int) -> tuple[float, float, float]:
+    """How many times as many leaf cells per axis a density gives as the trial grid has, the bytes of its tables of
+    cells, and of all of it.
 
     Every triangle has one reference, however coarse the grid; what it has beyond that grows with the cells.
     """
@@ -200,7 +211,8 @@ def _size(model: CostModel, trial: AdaptiveGrid, density: float, triangles: int)
     finer = (cells / max(trial.cells, 1)) ** (1 / 3)
     references = triangles + (len(trial.references) - triangles) * model.factor("references", finer)
     nonempty = trial.nonempty * model.factor("nonempty", finer)
-    return finer, trial.top_block.nbytes + 8 * cells + 4 * (references + nonempty)
+    tables = table_bytes(trial.top_block.nbytes, cells)
+    return finer, tables, tables + 4 * (references + nonempty)
 
 
 def waves(given: dict[str, str]) -> list[tuple[int, int]]:

@@ -24,6 +24,7 @@ from harness.sampling import (
     Sample,
     counted_work,
     far_bins,
+    far_grid,
     far_triangles,
     sample_rays,
     some_of,
@@ -44,7 +45,7 @@ SETTINGS = {
     "streamed": [{"wave": "2"}, {"wave": "8", "growth": "2"}],
     "forward": [{}],
 }
-FORM = 3  # of the file
+FORM = 5  # of the file
 
 
 def per_axis(grid: AdaptiveGrid) -> float:
@@ -152,11 +153,15 @@ def _run(tracer: DeviceTracer, sample: Sample, seconds: dict[str, float], rays: 
     """What a timed run comes to, its work counted, and its padding predicted."""
     grid, options, count = tracer.grid, tracer.options, len(rays)
     work = counted_work(tracer.count(rays), count, grid.nonempty)
-    work = replace(work, far=far_triangles(tracer), far_bins=far_bins(tracer, grid.nonempty))
+    chances = sample.chances(grid.nonempty)
+    work = replace(
+        work, far=far_triangles(tracer), far_bins=far_bins(tracer, grid.nonempty, chances),
+        far_grid=far_grid(tracer.device, grid.table_bytes),
+    )
     run = Run(tracer.name, tracer.setting.scene.name, count, seconds, work, per_axis(grid), grid.nonempty,
               len(grid.references) - tracer.scene.active_count, setting=f"{tracer.name} {options}")
     if tracer.name == "forward":
         return run
     _, per_wave = sample.deferred_work(int(options.wave), options.growth, min(count, options.batch))
-    empty = unused_slots(tracer, grid.nonempty, per_wave, count, sample.spread(grid.nonempty))
+    empty = unused_slots(tracer, grid.nonempty, per_wave, count, chances)
     return replace(run, predicted_padding=empty)

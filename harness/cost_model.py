@@ -17,8 +17,8 @@ from harness.sampling import Work
 
 TERMS = {
     "deferred": {
-        "traverse": ("active", "steps", "far_pairs", "cell_waves"),
-        "arrange": ("slots", "far_pairs", "cell_waves"),
+        "traverse": ("active", "steps", "far_steps", "cell_waves"),
+        "arrange": ("pairs", "far_pairs", "cell_waves"),
         "intersect": ("slots", "lane_tests", "far_slots", "far_tests"),
         "compact": ("active", "waves"),
         "rest": ("one", "waves"),

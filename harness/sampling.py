@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from harness.data import Counters, Rays
+from harness.device import Device
 from harness.grid import Grid
 from harness.runtime import cl
 from harness.tracers._base import Batch, DeviceTracer
@@ -21,6 +22,8 @@ LINE = 64  # bytes of a cache
 SLOTS = 24  # non-empty cells of a sampled ray that are written down
 MOST_WAVES = 32  # beyond, few rays are left
 WIDEST = 5.0  # spread of cells' chances
+PARTS = 6  # of the cells that are tried as those that rays meet at all
+HELD = 2 / 3  # power of the part that the sample tells: of more rays some meet cells that it holds for hidden
 POINTS, WEIGHTS = np.polynomial.hermite_e.hermegauss(24)  # of a mean over a normal distribution
 WEIGHTS = WEIGHTS / WEIGHTS.sum()
 
@@ -31,7 +34,8 @@ class Work:
 
     `steps`, `pairs`, `tests`, `lane_tests` as in `Counters`; `slots`: pairs and the padding of their bins; `active`:
     waves that a ray takes part in; `waves`: waves over rays; `cell_waves`: bins to clear and to scan, over rays;
-    `far`: the part of the triangles that the device's cache cannot hold; `far_bins`: that of the bins.
+    `far`: the part of the triangles that the device's cache cannot hold; `far_bins`: that of the bins; `far_grid`:
+    that of the tables that a walk reads.
     """
 
     steps: float
@@ -44,12 +48,18 @@ class Work:
     cell_waves: float = 0.0
     far: float = 0.0
     far_bins: float = 0.0
+    far_grid: float = 0.0
     one: float = 1.0
 
     @property
     def far_tests(self) -> float:
         """Lane tests of triangles that are not in the cache."""
         return self.far * self.lane_tests
+
+    @property
+    def far_steps(self) -> float:
+        """Steps into cells that are not in the cache."""
+        return self.far_grid * self.steps
 
     @property
     def far_pairs(self) -> float:
@@ -75,6 +85,37 @@ def counted_work(counters: Counters, rays: int, nonempty: int) -> Work:
         waves=counters.waves / rays,
         cell_waves=nonempty * counters.waves / rays,
     )
+
+
+@dataclass(frozen=True)
+class Chances:
+    """How unequally rays meet the cells of a grid: they meet only a `part` of them at all, among which the logarithm
+    of a cell's chance is normal with standard deviation `spread`."""
+
+    part: float
+    spread: float
+
+
+def _shares(cells: float, pairs: int, spread: float) -> np.ndarray:
+    """Pairs expected in cells of every chance at POINTS, of `pairs` in all."""
+    return pairs / cells * np.exp(spread * POINTS - spread**2 / 2)
+
+
+def _spread(cells: float, pairs: int, seen: int) -> float:
+    """The spread with which `pairs` in all lie in `seen` of the `cells`."""
+
+    def surplus(spread: float) -> float:
+        return cells * float(WEIGHTS @ -np.expm1(-_shares(cells, pairs, spread))) - seen
+
+    if surplus(0.0) <= 0:
+        return 0.0
+    return brentq(surplus, 0.0, WIDEST, xtol=1e-2) if surplus(WIDEST) < 0 else WIDEST
+
+
+def _met_once(cells: float, pairs: int, spread: float) -> float:
+    """How many of the cells hold one pair."""
+    shares = _shares(cells, pairs, spread)
+    return cells * float(WEIGHTS @ (shares * np.exp(-shares)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,22 +147,24 @@ class Sample:
         return np.concatenate([np.zeros((len(self), 1), np.int64), sums], axis=1)
 
     @cached_property
-    def spread(self) -> Callable[[int], float]:
-        """`spread(cells)`: how unequally rays meet the grid's `cells` non-empty cells, the standard deviation of the
-        logarithm of a cell's chance, taken to be normal, from how many cells the sampled rays meet before they are
-        through. Each answer is kept with the sample, as every model asks for the same."""
-        return functools.cache(self._spread)
+    def chances(self) -> Callable[[int], Chances]:
+        """`chances(cells)`: how rays meet the grid's `cells` non-empty cells, from how many the sampled rays meet
+        before they are through, and how many of those once. Each answer is kept with the sample, as every model asks
+        for the same."""
+        return functools.cache(self._chances)
 
-    def _spread(self, cells: int) -> float:
+    def _chances(self, cells: int) -> Chances:
         met = self.cells[np.arange(SLOTS) < np.minimum(self.found, self.needed)[:, None]]
-        seen, mean = len(np.unique(met)), len(met) / max(cells, 1)
-
-        def surplus(spread: float) -> float:
-            return cells * float(WEIGHTS @ -np.expm1(-mean * np.exp(spread * POINTS - spread**2 / 2))) - seen
-
-        if not seen or surplus(0.0) <= 0:
-            return 0.0
-        return brentq(surplus, 0.0, WIDEST, xtol=1e-3) if surplus(WIDEST) < 0 else WIDEST
+        times = np.unique(met, return_counts=True)[1]
+        seen, once = len(times), int((times == 1).sum())
+        if not seen:
+            return Chances(1.0, 0.0)
+        parts = np.geomspace(1.0, min(1.05 * seen / cells, 1.0), PARTS)
+        # The smaller the part, the more alike its cells and the fewer of them are met once.
+        surplus = np.array([_met_once(part * cells, len(met), _spread(part * cells, len(met), seen)) - once
+                            for part in parts])
+        part = float(np.exp(np.interp(0.0, surplus[::-1], np.log(parts)[::-1]))) ** HELD
+        return Chances(part, _spread(part * cells, len(met), seen))
 
     def forward_work(self) -> Work:
         """The work of rays that test cell by cell and halt at the hit."""
@@ -171,7 +214,7 @@ def wave_ends(wave: int, growth: int, longest: int) -> np.ndarray:
 
 def padding(pairs: np.ndarray, cells: float | np.ndarray, lanes: int, spread: float = 0.0) -> float | np.ndarray:
     """Unused slots of bins that hold whole chunks of `lanes`, the pairs[waves] of each wave over `cells` whose
-    chances have that `spread` (`Sample.spread`); of each of several numbers of cells float64[n]."""
+    chances have that `spread` (`Chances`); of each of several numbers of cells float64[n]."""
     means, unused = _unused_slots(lanes)
     cells = np.asarray(cells, np.float64)[..., None]
     found = np.log(np.maximum(pairs / np.maximum(cells, 1e-9), 1e-12))[..., None] + spread * POINTS - spread**2 / 2
@@ -189,10 +232,11 @@ def _unused_slots(lanes: int) -> tuple[np.ndarray, np.ndarray]:
     return means, chance @ (-held % lanes) + rest * (lanes - 1) / 2
 
 
-def unused_slots(tracer: DeviceTracer, cells, per_wave: np.ndarray, rays: int, spread: float):
+def unused_slots(tracer: DeviceTracer, cells, per_wave: np.ndarray, rays: int, chances: Chances):
     """Unused slots a ray in the bins of a tracer, of as many numbers of cells as are given."""
     sets = bin_sets(tracer)
-    return padding(per_wave * rays / sets, cells, tracer.lanes, spread) * sets / rays
+    met = chances.part * np.asarray(cells)
+    return padding(per_wave * rays / sets, met, tracer.lanes, chances.spread) * sets / rays
 
 
 def bin_sets(tracer: DeviceTracer) -> int:
@@ -205,10 +249,16 @@ def far_triangles(tracer: DeviceTracer) -> float:
     return max(0.0, 1 - tracer.device.handle.global_mem_cache_size / max(tracer.triangles.nbytes, 1))
 
 
-def far_bins(tracer: DeviceTracer, cells):
-    """The part of the bins, a line of each being written, that the cache cannot hold beside all else it holds."""
-    need = LINE * cells * bin_sets(tracer)
+def far_bins(tracer: DeviceTracer, cells, chances: Chances):
+    """The part of the bins that rays meet, a line of each being written, that the cache cannot hold beside all else
+    it holds."""
+    need = LINE * chances.part * cells * bin_sets(tracer)
     return need / (need + tracer.device.handle.global_mem_cache_size)
+
+
+def far_grid(device: Device, table_bytes):
+    """The part of a grid's tables of cells that the cache cannot hold beside all else it holds."""
+    return table_bytes / (table_bytes + device.handle.global_mem_cache_size)
 
 
 def some_of(rays: Rays, count: int = SAMPLE_RAYS) -> Rays:

@@ -33,7 +33,7 @@ from harness.stopwatch import Stopwatch
 
 UNIFORM = (32, 64, 128, 256, 512)
 DENSITIES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
-WAVES = ({"wave": "4"}, {"wave": "8", "growth": "2"})
+WAVES = ({"wave": "3", "growth": "2"}, {"wave": "4"})
 HEADER = ("scene", "auto's choice", "auto / best", "by wall clock", "best of the sweep", "MiB", "of 8/128 (least)",
           "choosing", "of tracing 1 M", "built (trial) s")
 

@@ -20,7 +20,7 @@ from harness.errors import DefrayError
 from harness.grid import build_grid
 from harness.plan import expand, make_grid, parse_grid
 from harness.record_schema import GridFacts
-from harness.sampling import SLOTS, Sample, Work, counted_work, padding, sample_rays, unused_slots, wave_ends
+from harness.sampling import SLOTS, Chances, Sample, Work, counted_work, padding, sample_rays, unused_slots, wave_ends
 from harness.spec import check_grid
 from harness.tracers._base import Setting
 
@@ -69,7 +69,7 @@ def test_forward_work_of_the_sample_is_what_the_tracer_counts(setting):
 def test_predicted_size_is_the_size_that_is_built(setting):
     for density in (auto.TRIAL / 4, auto.TRIAL, auto.TRIAL * 4):
         built = build_grid(setting.device_scene, GridSpec(0, 16, "adaptive", density))
-        finer, size = auto._size(MODEL, setting.grid, density, len(MESH))
+        finer, _, size = auto._size(MODEL, setting.grid, density, len(MESH))
         assert finer == pytest.approx(calibrate.per_axis(built) / calibrate.per_axis(setting.grid))
         assert size == pytest.approx(built.bytes, rel=0.25)
     assert (8 ** levels_of(setting.grid.top_counts, auto.TRIAL, 4)).sum() == setting.grid.cells
@@ -91,17 +91,27 @@ def test_spread_of_chances_and_padding_are_found_from_a_sample(spread):
     chances = np.exp(spread * generator.standard_normal(cells))
     met = generator.choice(cells, (2048, SLOTS), p=chances / chances.sum())
     full = np.full(2048, SLOTS)
-    found = Sample(met, met, met, full, full, full, full, full).spread(cells)
-    assert found == pytest.approx(spread, abs=0.2)
+    found = Sample(met, met, met, full, full, full, full, full).chances(cells)
+    assert found.spread == pytest.approx(spread, abs=0.2) and found.part > 0.8
     binned = np.bincount(generator.choice(cells, 300_000, p=chances / chances.sum()), minlength=cells)
-    assert padding(np.array([300_000.0]), cells, lanes, found) == pytest.approx((-binned % lanes).sum(), rel=0.1)
+    unused = padding(np.array([300_000.0]), found.part * cells, lanes, found.spread)
+    assert unused == pytest.approx((-binned % lanes).sum(), rel=0.15)
+
+
+def test_cells_that_no_ray_meets_are_told_from_those_that_few_meet():
+    """One cell in ten can be met, all of them alike: cells met often are missing, which a wide spread would have."""
+    generator, cells = np.random.default_rng(7), 200_000
+    met = generator.choice(cells // 10, (512, SLOTS))
+    full = np.full(512, SLOTS)
+    found = Sample(met, met, met, full, full, full, full, full).chances(cells)
+    assert 0.1 < found.part < 0.4 and found.spread < 1.3
 
 
 def made_up_runs(model: CostModel, seed: int = 4) -> list[Run]:
     """Runs that take exactly what the model says, and whose counts follow its exponents."""
     generator, runs = np.random.default_rng(seed), []
     for scene in ("a", "b"):
-        first = Work(*generator.uniform(1, 10, 8))
+        first = Work(*generator.uniform(1, 10, 11))
         for finer in (1.0, 2.0, 3.0):
             drawn = generator.uniform(1, 10, 3)
             work = dataclasses.replace(model.scaled(first, finer), active=drawn[0], cell_waves=drawn[1],
@@ -183,7 +193,7 @@ def test_a_stream_is_chosen_for_by_its_own_model_and_told_which_tracer_is_faster
 
 def test_streams_with_bins_of_their_own_leave_more_slots_unused(setting):
     made = [tracers.find("streamed")(setting, TEST, {"streams": str(streams), "lanes": "8"}) for streams in (1, 2)]
-    one, two = (unused_slots(tracer, 100, np.array([0.5]), 1000, 1.0) for tracer in made)
+    one, two = (unused_slots(tracer, 100, np.array([0.5]), 1000, Chances(1.0, 1.0)) for tracer in made)
     assert one < two < 2 * one
 
 
