@@ -47,6 +47,7 @@ bench: setup ## time the stages with pytest-benchmark
 
 lint: setup ## ruff
 	@$(PYTHON) -m ruff check --quiet .
+	@$(PYTHON) -m ruff format --check --quiet .
 
 packages: ## make .venv alone, without a device: enough to draw
 	@bash scripts/setup.sh --without-device
@@ -58,7 +59,7 @@ $(FIGURES): packages # one figure of OUT
 	@.venv/bin/defray report "$(OUT)" --only $@
 
 check-figures: packages ## see that the reference's figures are drawn again to the same bytes
-	@$(PYTHON) -m pytest -q tests/test_reference_figures.py
+	@$(PYTHON) -m pytest -q tests/report/test_reference_figures.py
 
 lock: setup ## pin the newest versions of everything in requirements.txt and scripts/runtimes
 	@bash scripts/lock.sh

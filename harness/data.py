@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-ADAPTIVE_LEAF = 16  # leaf cells per axis that a top cell of an adaptive grid has at most, unless said otherwise
+from harness.errors import DefrayError
+
 MISS = -1  # primitive index of a ray that hits nothing
 CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")  # of a hit beside the reference's: harness/check.py
 
@@ -49,48 +50,6 @@ class Scene:
 
     def __len__(self) -> int:
         return len(self.triangles)
-
-
-@dataclass(frozen=True)
-class GridSpec:
-    """Resolution of a two-level grid (paper, section 3: 8^3 and 128^3).
-
-    `top`: cells per axis of the first level. `leaf`: cells per axis of the second level, over the whole
-    scene (`reading='total'`) or inside every top cell (`reading='per-cell'`).
-
-    `reading='adaptive'`: every top cell has its own number of leaf cells. Then `top` counts the cells along the
-    longest axis, 0 for a number from the triangle count; `leaf`, a power of two, is the most leaf cells per axis in
-    a top cell; `density` is the number of leaf cells wanted per triangle of a top cell, None for the default.
-
-    `reading='auto'` (AUTO): an adaptive grid that a cost model chooses when scene, rays and device are known.
-    """
-
-    top: int = 8
-    leaf: int = 128
-    reading: str = "total"
-    density: float | None = None
-
-    @property
-    def leaf_per_top(self) -> int:
-        """Leaf cells per axis inside one top cell; the most, of an adaptive grid."""
-        return self.leaf // self.top if self.reading == "total" else self.leaf
-
-    @property
-    def resolution(self) -> int:
-        """Leaf cells per axis over the whole scene; 0 where that is known only when the grid is built."""
-        return self.top * self.leaf_per_top
-
-    def __str__(self) -> str:
-        if self.reading == "auto":
-            return "auto"
-        if self.reading == "adaptive":
-            shown = {"top": self.top or None, "leaf": self.leaf, "density": self.density}
-            shown["leaf"] = None if self.leaf == ADAPTIVE_LEAF else self.leaf
-            return " ".join(["adaptive", *(f"{key}={value:g}" for key, value in shown.items() if value is not None)])
-        return f"{self.top}/{self.leaf} {self.reading}"
-
-
-AUTO = GridSpec(top=0, leaf=0, reading="auto")
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,3 +134,14 @@ class Samples:
 
 
 STAGES = ("traverse", "arrange", "intersect", "compact", "total")
+LARGEST, SMALLEST = 1e12, 1e-12  # coordinates and extent: cubes of lengths must neither overflow nor vanish
+
+
+def check_scale(triangles: np.ndarray, name: str = "the scene") -> None:
+    """Raise DefrayError where float32 arithmetic on the triangles would overflow or vanish."""
+    largest = float(np.abs(triangles).max())
+    extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    if not largest <= LARGEST:  # not a number, too
+        raise DefrayError(f"coordinates of {name} reach {largest:.3g}; scale it so that they stay below {LARGEST:g}")
+    if 0 < extent < SMALLEST:
+        raise DefrayError(f"{name} is only {extent:.3g} large; scale it up to at least {SMALLEST:g}")

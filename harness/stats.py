@@ -2,13 +2,48 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import beta, mannwhitneyu, t
 
 from harness.data import Samples
 from harness.errors import DefrayError
+
+
+@dataclass(frozen=True)
+class BuildAndRate:
+    """Seconds to build a grid or a hierarchy, and the rays traced a second once it is there."""
+
+    build_seconds: float
+    rays_per_second: float
+
+    def __post_init__(self):
+        if not (self.build_seconds >= 0 and self.rays_per_second > 0):
+            raise DefrayError(
+                f"a break-even needs a build of 0 s or more and a rate above 0, not {self.build_seconds} s and "
+                f"{self.rays_per_second} rays a second"
+            )
+
+    def seconds(self, rays: float) -> float:
+        """To build and to trace that many rays."""
+        return self.build_seconds + rays / self.rays_per_second
+
+
+def rays_to_break_even(ours: BuildAndRate, theirs: BuildAndRate) -> float:
+    """Rays from which on ours is no slower, builds included: 0 where it always is, infinite where it never is.
+
+    A structure that is built sooner but traces more slowly is ahead for few rays only: infinite as well.
+    """
+    saved = 1 / theirs.rays_per_second - 1 / ours.rays_per_second
+    later = ours.build_seconds - theirs.build_seconds
+    if saved < 0 or (saved == 0 and later > 0):
+        return math.inf
+    return max(later, 0.0) / saved if later > 0 else 0.0
+
 
 RESAMPLES = 9999
 RATED_STAGES = ("traverse", "intersect", "total")
@@ -86,8 +121,10 @@ def quotient(rates: Sequence[float], base_rates: Sequence[float], confidence: fl
     if min(len(sample), len(base)) < 3:
         return Interval(middle, float(sample.min() / base.max()), float(sample.max() / base.min()))
     generator = np.random.default_rng(0)
-    over, under = (np.median(values[generator.integers(0, len(values), (RESAMPLES, len(values)))], axis=-1)
-                   for values in (sample, base))
+    over, under = (
+        np.median(values[generator.integers(0, len(values), (RESAMPLES, len(values)))], axis=-1)
+        for values in (sample, base)
+    )
     tail = (1.0 - confidence) / 2.0
     low, high = np.quantile(over / under, [tail, 1.0 - tail])
     return Interval(middle, float(low), float(high))
@@ -115,8 +152,12 @@ def geometric_mean(
             raise DefrayError("a ratio needs rates above zero")
         rows = generator.integers(0, len(sample), (RESAMPLES, len(sample)))
         base_rows = rows if paired else generator.integers(0, len(base), (RESAMPLES, len(base)))
-        logs.append((np.log(np.median(sample) / np.median(base)),
-                     np.log(np.median(sample[rows], axis=-1) / np.median(base[base_rows], axis=-1))))
+        logs.append(
+            (
+                np.log(np.median(sample) / np.median(base)),
+                np.log(np.median(sample[rows], axis=-1) / np.median(base[base_rows], axis=-1)),
+            )
+        )
     tail = (1.0 - confidence) / 2.0
     low, high = np.quantile(np.mean([drawn for _, drawn in logs], axis=0), [tail, 1.0 - tail])
     return Interval(*(float(np.exp(value)) for value in (np.mean([whole for whole, _ in logs]), low, high)))
@@ -142,8 +183,6 @@ def exponent(sizes: Sequence[float], values: Sequence[float], groups: Sequence[s
     freedom = len(x) - (number.max() + 1) - 1
     if freedom < 1:
         raise DefrayError("a power's interval needs more points than groups and one")
-    from scipy.stats import t
-
     slope = float((x * y).sum() / spread)
     rest = y - slope * x
     half = float(t.ppf(0.975, freedom) * np.sqrt((rest * rest).sum() / freedom / spread))
@@ -166,8 +205,6 @@ class Fit:
 
     def at(self, sizes: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """float64[n] three times: the curve, and the ends of its 95 % interval (Student, linearised)."""
-        from scipy.stats import t
-
         x = _finite(sizes) / self._unit
         logs = _log_model(self.model, self.parameters, x)
         slopes = _log_slopes(self.model, self.parameters, x)
@@ -176,8 +213,6 @@ class Fit:
 
     def parameter(self, index: int) -> Interval:
         """A parameter with its 95 % interval; b of a power is its exponent, other sizes are in the fit's unit."""
-        from scipy.stats import t
-
         value = self.parameters[index]
         half = float(t.ppf(0.975, self.freedom) * np.sqrt(self._covariance[index, index]))
         return Interval(value, value - half, value + half)
@@ -203,13 +238,18 @@ def fits(sizes: Sequence[float], values: Sequence[float]) -> list[Fit]:
 
 def _fit(model: str, x: np.ndarray, y: np.ndarray, unit: float) -> Fit:
     """One model through points; x about 1."""
-    from scipy.optimize import least_squares
-
     middle = float(np.exp(np.log(y).mean()))
     start = {"constant": (middle,), "linear": (middle / 2, middle / 2), "power": (middle, 0.5)}[model]
     floor = {"constant": (0,), "linear": (0, 0), "power": (0, -np.inf)}[model]
-    solved = least_squares(lambda p: _log_model(model, p, x) - np.log(y), start, bounds=(floor, np.inf),
-                           x_scale=np.abs(start), xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    solved = least_squares(
+        lambda p: _log_model(model, p, x) - np.log(y),
+        start,
+        bounds=(floor, np.inf),
+        x_scale=np.abs(start),
+        xtol=1e-12,
+        ftol=1e-12,
+        gtol=1e-12,
+    )
     parameters = tuple(map(float, solved.x))
     count, freedom = len(start) + 1, len(x) - len(start)
     squares = max(float((solved.fun**2).sum()), len(x) * 1e-24)
@@ -246,8 +286,6 @@ def different_p_value(first: Sequence[float], second: Sequence[float]) -> float:
 
     With three repetitions each it cannot be below 0.1, with four not below 0.028.
     """
-    from scipy.stats import mannwhitneyu
-
     return float(mannwhitneyu(_finite(first), _finite(second), alternative="two-sided").pvalue)
 
 
@@ -260,8 +298,6 @@ def rate_bound(events: int, trials: int) -> float:
         raise DefrayError(f"{events} of {trials} is not a rate")
     if events == 0:
         return min(3 / trials, 1.0)
-    from scipy.stats import beta
-
     return float(beta.ppf(0.95, events + 1, trials - events)) if events < trials else 1.0
 
 

@@ -57,8 +57,7 @@ def pearls() -> np.ndarray:
     for height, count, size in ((FOOT, 120, 0.145), (FOOT + 3.3, 120, 0.145)):
         angle = TURN * np.arange(count) / count
         rims += [
-            (x, height, z, size)
-            for x, z in zip(RADIUS * 1.02 * cos(angle), RADIUS * 1.02 * sin(angle), strict=True)
+            (x, height, z, size) for x, z in zip(RADIUS * 1.02 * cos(angle), RADIUS * 1.02 * sin(angle), strict=True)
         ]
     count = len(rims)
     path = arch_path(36)[:-2]
@@ -69,9 +68,7 @@ def pearls() -> np.ndarray:
         rims += [(*point, 0.16) for point in along.reshape(-1, 3)]
     placed = np.array(rims)
     fine, coarse = placed[:count], placed[count:]
-    return join(
-        scatter(pearl(34, 48), fine[:, :3], fine[:, 3]), scatter(pearl(14, 20), coarse[:, :3], coarse[:, 3])
-    )
+    return join(scatter(pearl(34, 48), fine[:, :3], fine[:, 3]), scatter(pearl(14, 20), coarse[:, :3], coarse[:, 3]))
 
 
 def gem(facets: int, table: float = 0.55) -> np.ndarray:
@@ -131,9 +128,7 @@ def filigree(random: np.random.Generator, count: int) -> np.ndarray:
     height = np.where(on_arch, rows[:, 1], between(random, FOOT + 0.4, FOOT + 2.9, count))[:, None] + up
     radius = np.where(on_arch, 1.02 * rows[:, 0], 1.03 * RADIUS)[:, None] + 0.03 * sin(9 * spin)
     arch = TURN * random.integers(0, ARCHES, count) / ARCHES
-    where = np.where(
-        on_arch, arch + between(random, -0.4, 0.4, count) / rows[:, 0], between(random, 0, TURN, count)
-    )
+    where = np.where(on_arch, arch + between(random, -0.4, 0.4, count) / rows[:, 0], between(random, 0, TURN, count))
     turn = where[:, None] + side / radius
     return tubes(np.stack([radius * cos(turn), height, radius * sin(turn)], axis=-1), 0.022, 7)
 
@@ -182,9 +177,7 @@ def cloth() -> np.ndarray:
 
     def cap(s, t):
         angle, rise = TURN * s, PI / 2 * t
-        puff = (
-            1 + 0.05 * np.abs(sin(4 * angle)) * sin(2 * rise) + 0.004 * sin(150 * angle) * sin(90 * rise)
-        )
+        puff = 1 + 0.05 * np.abs(sin(4 * angle)) * sin(2 * rise) + 0.004 * sin(150 * angle) * sin(90 * rise)
         radius = 0.93 * RADIUS * puff * cos(rise)
         return radius * cos(angle), FOOT + 3.0 + 7.6 * sin(rise), radius * sin(angle)
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Make OpenCL drivers that are here but not registered visible, without root: scripts/find_icds.sh FOLDER writes a file
-# into FOLDER for each, which names the driver's library. harness/runtime.py shows FOLDER to the loader.
+# into FOLDER for each, which names the driver's library. harness/device/runtime.py shows FOLDER to the loader.
 # A container with an NVIDIA GPU, for one, often has the driver's libnvidia-opencl.so.1 and no file that names it.
 set -euo pipefail
 folder=${1:?usage: find_icds.sh FOLDER}

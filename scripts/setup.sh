@@ -9,7 +9,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 LOG=.setup-log
-VENDORS=.venv/etc/defray/opencl-vendors # harness/runtime.py shows these ICD files to the loader
+VENDORS=.venv/etc/defray/opencl-vendors # harness/device/runtime.py shows these ICD files to the loader
 INSTALL="apt-get install python3.11 python3.11-venv"
 
 say() { echo "setup: $*"; }
@@ -91,7 +91,7 @@ install_packages() {
 working_device() {
     .venv/bin/python -c '
 import sys
-from harness.device import open_device
+from harness.device.opened import open_device
 from harness.errors import DefrayError
 try:
     print(open_device(sys.argv[1]).title)
@@ -129,7 +129,7 @@ find_device() {
     fi
     # Each is kept by its probe alone: which version works on which processor cannot be known beforehand.
     add_intel || add_pocl || {
-        .venv/bin/python -m harness.doctor >&2 || true
+        .venv/bin/python -m harness.commands.doctor >&2 || true
         fail "no OpenCL device works; as root: apt-get install pocl-opencl-icd, then make setup"
     }
 }

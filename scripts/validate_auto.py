@@ -20,22 +20,35 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from harness import auto, calibrate, intersectors, stats, tracers
-from harness.data import GridSpec, differing
-from harness.device import open_device
+from harness import stats, tracers
+from harness.data import differing
+from harness.device.opened import open_device
+from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
-from harness.grid import build_grid
-from harness.measure import SharedScene
-from harness.plan import parse_count
-from harness.scene import load_scene
-from harness.spec import RunSpec, Variant
-from harness.stopwatch import Stopwatch
+from harness.inputs.scenes import load_scene
+from harness.measure.scene import SharedScene
+from harness.spec import intersectors
+from harness.spec.run_spec import RunSpec, Variant, parse_count
+from harness.spec.structure import GridSpec
+from harness.structures import build_grid
+from harness.tuning import choose as auto
+from harness.tuning import fit as calibrate
 
 UNIFORM = (32, 64, 128, 256, 512)
 DENSITIES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 WAVES = ({"wave": "3", "growth": "2"}, {"wave": "4"})
-HEADER = ("scene", "auto's choice", "auto / best", "by wall clock", "best of the sweep", "MiB", "of 8/128 (least)",
-          "choosing", "of tracing 1 M", "built (trial) s")
+HEADER = (
+    "scene",
+    "auto's choice",
+    "auto / best",
+    "by wall clock",
+    "best of the sweep",
+    "MiB",
+    "of 8/128 (least)",
+    "choosing",
+    "of tracing 1 M",
+    "built (trial) s",
+)
 
 
 def main() -> int:
@@ -82,8 +95,17 @@ def row(name: str, arguments) -> list[str]:
     per_million = float(np.median(ours)) * 1e6 / len(rays)
     size, least = choice.grid.bytes, 4 * shared.setting.device_scene.active_count
     memory = f"{size / usual_bytes:.2f} ({least / usual_bytes:.2f})"
-    return [name, chosen.name, *ratios, best.name, f"{size / 2**20:.1f}", memory, f"{1e3 * choice.seconds:.0f} ms",
-            f"{choice.seconds / per_million:.1%}", f"{choice.grid.build_seconds:.2f} ({choice.trial_seconds:.2f})"]
+    return [
+        name,
+        chosen.name,
+        *ratios,
+        best.name,
+        f"{size / 2**20:.1f}",
+        memory,
+        f"{1e3 * choice.seconds:.0f} ms",
+        f"{choice.seconds / per_million:.1%}",
+        f"{choice.grid.build_seconds:.2f} ({choice.trial_seconds:.2f})",
+    ]
 
 
 class Contestant:

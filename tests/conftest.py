@@ -7,7 +7,7 @@ import os
 import pytest
 from made_up_report import drawn  # noqa: F401  (a fixture)
 
-from harness.device import Probe, default_order, open_device, probe_all
+from harness.device.opened import Probe, default_order, open_device, probe_all
 
 
 def working_devices() -> list[Probe]:

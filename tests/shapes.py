@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.data import Rays
-from harness.intersectors import INTERSECTORS
+from harness.spec.intersectors import INTERSECTORS
 
 # Tested in every combination; the other intersectors in few, and in all by the slow tests: the default, a plain one,
 # one that stores planes, and one in double precision.

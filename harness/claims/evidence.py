@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import pandas as pd
 from pydantic import field_validator, model_validator
 
+from harness.analysis.names import WORKLOAD, plain, scene_and_size
+from harness.analysis.ratios import beside
+from harness.analysis.results import Results
 from harness.claims.outcome import Strict
 from harness.data import STAGES
-from harness.figures.runs import WORKLOAD, Runs, beside, plain, rung_of
-from harness.spec import Variant
+from harness.spec.run_spec import Variant
 from harness.stats import Interval, quotient, ratio
 
 PAPER_GRID, UNIFORM, ADAPTIVE = "8/128 total", "uniform", "adaptive"
@@ -105,7 +107,7 @@ class Pair:
     together: bool
 
 
-def scene_rows(runs: Runs, scene: str) -> pd.DataFrame:
+def scene_rows(runs: Results, scene: str) -> pd.DataFrame:
     """Valid diffuse runs on one whole scene."""
     rows = runs.every_diffuse
     return rows[rows["scene"].map(plain) == plain(scene)]
@@ -159,18 +161,28 @@ def make_pair(one: pd.Series, two: pd.Series, of: Operand, to: Operand) -> Pair:
         found = (ratio if together else quotient)(over, under)
         value = found.median
     runs = tuple(dict.fromkeys((one["run"], two["run"])))
-    return Pair(one["scene"], one["title"], int(one["triangles"]), one["source"] == "stand-in", value, found,
-                (over, under), runs, (one["grid"], two["grid"]), together)
+    return Pair(
+        one["scene"],
+        one["title"],
+        int(one["triangles"]),
+        one["source"] == "stand-in",
+        value,
+        found,
+        (over, under),
+        runs,
+        (one["grid"], two["grid"]),
+        together,
+    )
 
 
-def rungs(runs: Runs, scene: str, of: Operand, to: Operand) -> list[Pair]:
+def resized_scenes(runs: Results, scene: str, of: Operand, to: Operand) -> list[Pair]:
     """Pairs on every size of one scene, on the workload that most sizes have (then most rays)."""
     rows = runs.valid
-    bases = rows["scene"].map(lambda name: plain(rung_of(name)[0]))
+    bases = rows["scene"].map(lambda name: plain(scene_and_size(name)[0]))
     rows = rows[(rows["kind"] == "diffuse") & (bases == plain(scene))]
     best, most = [], (2, 0)
     for _, work in rows.groupby(WORK, sort=True):
-        pairs = [pair_on(rung, of, to) for _, rung in work.groupby("scene", sort=True)]
+        pairs = [pair_on(resized, of, to) for _, resized in work.groupby("scene", sort=True)]
         pairs = [pair for pair in pairs if pair is not None]
         rank = (len(pairs), int(work["rays"].iloc[0]))
         if rank >= most:
@@ -178,7 +190,9 @@ def rungs(runs: Runs, scene: str, of: Operand, to: Operand) -> list[Pair]:
     return sorted(best, key=lambda pair: pair.triangles)
 
 
-def lacking(runs: Runs, scenes: Sequence[str], found: Sequence[str], operands: Sequence[Operand], least: int) -> str:
+def lacking(
+    runs: Results, scenes: Sequence[str], found: Sequence[str], operands: Sequence[Operand], least: int
+) -> str:
     """Why a rule has too few scenes: `found` of `scenes`, `least` needed; which variants have no run where."""
     absent = [name for name in scenes if name not in found]
     without: dict[tuple[str, str], list[str]] = {}  # variants by what is wrong and where
@@ -188,17 +202,27 @@ def lacking(runs: Runs, scenes: Sequence[str], found: Sequence[str], operands: S
         for what, names in (("failed its check", failed), ("no run", [name for name in lost if name not in failed])):
             if names:
                 without.setdefault((what, _where(names, scenes)), []).append(operand.words())
-    parts = [f"no run of {' and '.join(dict.fromkeys(names))}{where}" if what == "no run" else
-             f"{' and '.join(dict.fromkeys(names))} {what}{where}" for (what, where), names in without.items()]
+    parts = [
+        f"no run of {' and '.join(dict.fromkeys(names))}{where}"
+        if what == "no run"
+        else f"{' and '.join(dict.fromkeys(names))} {what}{where}"
+        for (what, where), names in without.items()
+    ]
     reason = "; ".join(parts) or "its runs trace no rays in common"
     return reason if not found else f"{len(found)} of {len(scenes)} scenes, {least} needed: {reason}"
 
 
-def _failed(runs: Runs, scene: str, operand: Operand) -> bool:
+def _failed(runs: Results, scene: str, operand: Operand) -> bool:
     """Whether the variant ran on the scene and its hits were wrong."""
     rows = runs.all
-    return bool(((rows["scene"].map(plain) == plain(scene)) & ~rows["valid"] & (rows["kind"] == "diffuse")
-                 & (rows["label"] == operand.variant)).any())
+    return bool(
+        (
+            (rows["scene"].map(plain) == plain(scene))
+            & ~rows["valid"]
+            & (rows["kind"] == "diffuse")
+            & (rows["label"] == operand.variant)
+        ).any()
+    )
 
 
 def _where(without: Sequence[str], scenes: Sequence[str]) -> str:

@@ -7,7 +7,8 @@ import tomllib
 from functools import lru_cache
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from harness.files import ROOT
+
 FILE = "harness/paper/claims.toml"
 
 
@@ -44,8 +45,9 @@ def rule_before_run(claim: str, commits: set[str], path: Path = ROOT / FILE, roo
 def _git(root: Path, *arguments: str) -> str | None:
     """Output of a git command; None where it fails or there is no git."""
     try:
-        done = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=20,
-                              check=False)
+        done = subprocess.run(
+            ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=20, check=False
+        )
     except (OSError, subprocess.TimeoutExpired):
         return None
     return done.stdout if done.returncode == 0 else None

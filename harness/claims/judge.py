@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from harness.analysis.results import Results
 from harness.claims.history import rule_before_run
 from harness.claims.model import FILE, Claim, read_claims
 from harness.claims.outcome import Outcome, every, some
 from harness.claims.rules import Evidence
-from harness.figures.runs import Runs
 
 VERDICTS = ("reproduced", "shape only", "contradicted", "inconclusive", "not attempted")
 
@@ -76,7 +76,7 @@ class Judged:
         }  # fmt: skip
 
 
-def judge_all(runs: Runs, path: Path = FILE) -> list[Judged]:
+def judge_all(runs: Results, path: Path = FILE) -> list[Judged]:
     """A verdict for every claim, in the order of claims.toml; raises DefrayError for a file it cannot read."""
     scenes, claims = read_claims(path)
     rows = [*runs.records, *runs.coherence]
@@ -110,13 +110,13 @@ def verdict_of(outcomes: Sequence[Outcome]) -> str:
     return "shape only" if full is False and shape else "inconclusive"
 
 
-def as_document(judged: Sequence[Judged], runs: Runs) -> dict:
+def as_document(judged: Sequence[Judged], runs: Results) -> dict:
     """What claims.json holds: the device, how many claims have which verdict, and every claim."""
     counts = {name: sum(one.verdict == name for one in judged) for name in VERDICTS}
     return {"schema": 1, "device": runs.device, "verdicts": counts, "claims": [one.as_dict() for one in judged]}
 
 
-def write_claims(judged: Sequence[Judged], runs: Runs, path: Path) -> None:
+def write_claims(judged: Sequence[Judged], runs: Results, path: Path) -> None:
     """The verdicts as JSON, the same bytes for the same records."""
     text = json.dumps(as_document(judged, runs), indent=1, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")

@@ -12,10 +12,10 @@ from pydantic import Field, ValidationError, create_model, model_validator
 
 from harness.claims.outcome import Strict
 from harness.claims.rules import any_rule
-from harness.errors import DefrayError
-from harness.record import first_problem
+from harness.errors import DefrayError, first_problem
+from harness.files import ROOT
 
-FILE = Path(__file__).parents[1] / "paper" / "claims.toml"
+FILE = ROOT / "harness" / "paper" / "claims.toml"
 
 
 class _Claim(Strict):

@@ -38,8 +38,17 @@ class Finding:
 
     def as_dict(self) -> dict:
         """For claims.json; keys without a value are left out."""
-        full = {"what": self.what, "value": self.value, "low": self.low, "high": self.high, "unit": self.unit,
-                "meets_full": self.answer, "stand_in": self.stand_in, "note": self.note, "runs": list(self.runs)}
+        full = {
+            "what": self.what,
+            "value": self.value,
+            "low": self.low,
+            "high": self.high,
+            "unit": self.unit,
+            "meets_full": self.answer,
+            "stand_in": self.stand_in,
+            "note": self.note,
+            "runs": list(self.runs),
+        }
         return {key: value for key, value in full.items() if value not in ("", [])}
 
 
@@ -78,8 +87,10 @@ class Bound(Strict):
         if low is None or high is None:
             return None
         sure, possible = {
-            "at_least": lambda x: (low >= x, high >= x), "above": lambda x: (low > x, high > x),
-            "at_most": lambda x: (high <= x, low <= x), "below": lambda x: (high < x, low < x),
+            "at_least": lambda x: (low >= x, high >= x),
+            "above": lambda x: (low > x, high > x),
+            "at_most": lambda x: (high <= x, low <= x),
+            "below": lambda x: (high < x, low < x),
         }[self._name](self.limit)
         return True if sure else None if possible else False
 

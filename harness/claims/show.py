@@ -6,19 +6,35 @@ from collections import Counter
 from collections.abc import Sequence
 
 from markupsafe import Markup
+from rich.markup import escape as plain
+from rich.table import Table
 
 from harness.claims.judge import VERDICTS, Judged
 from harness.claims.outcome import Finding
 
-COLOURS = {"reproduced": "green", "shape only": "yellow", "contradicted": "red", "inconclusive": "cyan",
-           "not attempted": "dim"}
+COLOURS = {
+    "reproduced": "green",
+    "shape only": "yellow",
+    "contradicted": "red",
+    "inconclusive": "cyan",
+    "not attempted": "dim",
+}
 MARKS = {"reproduced": "✓", "shape only": "◐", "contradicted": "✗", "inconclusive": "?", "not attempted": "–"}
 
 
 def claims_rows(judged: Sequence[Judged]) -> list[dict[str, str]]:
     """One row a claim: verdict, claim, measured, needed, kind, place; without a verdict, `measured` says why."""
-    return [{"verdict": one.verdict, "claim": one.claim.title, "measured": measured_text(one),
-             "needed": one.needed, "kind": one.claim.kind, "place": one.claim.place} for one in judged]
+    return [
+        {
+            "verdict": one.verdict,
+            "claim": one.claim.title,
+            "measured": measured_text(one),
+            "needed": one.needed,
+            "kind": one.claim.kind,
+            "place": one.claim.place,
+        }
+        for one in judged
+    ]
 
 
 def measured_text(one: Judged) -> str:
@@ -36,9 +52,6 @@ def counts_text(judged: Sequence[Judged]) -> str:
 
 def claims_table(judged: Sequence[Judged], device: str = ""):
     """A Rich table for the terminal."""
-    from rich.markup import escape as plain
-    from rich.table import Table
-
     where = f" on {plain(device)}" if device else ""
     title = f"The paper's claims{where}: {counts_text(judged)}"
     table = Table(title=title, box=None, title_justify="left", padding=(0, 1))
@@ -46,8 +59,10 @@ def claims_table(judged: Sequence[Judged], device: str = ""):
         table.add_column(name, ratio=ratio, no_wrap=name == "verdict")
     for row in claims_rows(judged):
         colour = COLOURS[row["verdict"]]
-        table.add_row(f"[{colour}]{MARKS[row['verdict']]} {row['verdict']}[/{colour}]",
-                      *(plain(row[name]) for name in ("claim", "measured", "needed")))
+        table.add_row(
+            f"[{colour}]{MARKS[row['verdict']]} {row['verdict']}[/{colour}]",
+            *(plain(row[name]) for name in ("claim", "measured", "needed")),
+        )
     return table
 
 
@@ -61,8 +76,9 @@ def claims_html(found: Sequence[tuple[str, Sequence[Judged]]]) -> Markup:
     counts = Markup("; ").join(name.format(machine, counts_text(judged)) for machine, judged in found)
     heads = [f"verdict on {machine}" for machine, _ in found] if several else ["verdict", "claim", "measured"]
     heads = ["claim", *heads] if several else heads
-    rows = Markup("\n").join(_row(ones, [machine for machine, _ in found])
-                             for ones in zip(*(judged for _, judged in found), strict=True))
+    rows = Markup("\n").join(
+        _row(ones, [machine for machine, _ in found]) for ones in zip(*(judged for _, judged in found), strict=True)
+    )
     return Markup(_STYLE) + Markup(
         '<section class="claims">\n<h2>The paper’s claims</h2>\n<p>{}. Each rule stands in '
         "<code>harness/paper/claims.toml</code>; a verdict says so where its rule was not yet committed as it is "
@@ -77,11 +93,14 @@ def _row(ones: Sequence[Judged], machines: Sequence[str]) -> Markup:
     claim = Markup('<td class="long">{}</td>').format(_claim(ones[0]))
     if len(ones) == 1:
         cells = Markup('<td class="verdict-{}">{}</td>{}<td class="long">{}</td>').format(
-            _kind(ones[0]), _verdict(ones[0]), claim, _numbers(ones[0]))
+            _kind(ones[0]), _verdict(ones[0]), claim, _numbers(ones[0])
+        )
     else:
         cell = Markup('<td class="long verdict-{}"><span class="on">{}</span>{}<br>{}</td>')
-        cells = claim + Markup("").join(cell.format(_kind(one), machine, _verdict(one), _numbers(one))
-                                        for machine, one in zip(machines, ones, strict=True))
+        cells = claim + Markup("").join(
+            cell.format(_kind(one), machine, _verdict(one), _numbers(one))
+            for machine, one in zip(machines, ones, strict=True)
+        )
     return Markup("<tr>{}</tr>").format(cells)
 
 
@@ -96,8 +115,10 @@ def _verdict(one: Judged) -> Markup:
 def _claim(one: Judged) -> Markup:
     """The claim, with the paper's words and the rule folded away."""
     claim = one.claim
-    needed = [f"Needed: {outcome.threshold}." + (f" Shape: {outcome.shape_threshold}." if outcome.shape_threshold
-                                                 else "") for outcome in one.outcomes]
+    needed = [
+        f"Needed: {outcome.threshold}." + (f" Shape: {outcome.shape_threshold}." if outcome.shape_threshold else "")
+        for outcome in one.outcomes
+    ]
     return Markup(
         "{title}<details><summary>the paper’s words, and the rule</summary>"
         "<blockquote>{words}<br><cite>{place}</cite></blockquote><p>{reading}</p><p>{needed}</p></details>"
@@ -106,14 +127,23 @@ def _claim(one: Judged) -> Markup:
 
 def _numbers(one: Judged) -> Markup:
     """What was measured and what was needed, with every number and its records folded away."""
-    findings = Markup("").join(Markup("<li>{}</li>").format(finding_text(finding))
-                               for outcome in one.outcomes for finding in outcome.findings)
+    findings = Markup("").join(
+        Markup("<li>{}</li>").format(finding_text(finding))
+        for outcome in one.outcomes
+        for finding in outcome.findings
+    )
     return Markup(
         '{measured}<br><span class="needed">needed: {short}</span>'
         "<details><summary>numbers</summary><ul>{findings}</ul>"
         "<p>Records: <code>{records}</code></p><p><code>{command}</code>; what it needs takes {minutes}</p></details>"
-    ).format(measured=measured_text(one), short=one.needed, findings=findings,
-             records=" ".join(one.records) or "none", command=one.claim.command, minutes=_minutes(one.claim.minutes))
+    ).format(
+        measured=measured_text(one),
+        short=one.needed,
+        findings=findings,
+        records=" ".join(one.records) or "none",
+        command=one.claim.command,
+        minutes=_minutes(one.claim.minutes),
+    )
 
 
 def _minutes(minutes: float) -> str:
@@ -125,8 +155,11 @@ def finding_text(finding: Finding) -> str:
     if finding.value is None:
         return f"{finding.what}: {finding.note}"
     exact = finding.low == finding.high == finding.value
-    number = f"{finding.value:,.4g}" if exact or finding.low is None else \
-        f"{finding.value:.3g} [{finding.low:.3g}, {finding.high:.3g}]"
+    number = (
+        f"{finding.value:,.4g}"
+        if exact or finding.low is None
+        else f"{finding.value:.3g} [{finding.low:.3g}, {finding.high:.3g}]"
+    )
     answer = {True: ", meets it", False: ", does not", None: ""}[finding.answer]
     unit, note = (f" {finding.unit}" if finding.unit else ""), (f" ({finding.note})" if finding.note else "")
     return f"{finding.what}: {number}{unit}{note}{answer}"

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from harness.data import Counters, Rays
-from harness.runtime import cl
-from harness.stopwatch import Stopwatch
-from harness.tracers._base import Batch, DeviceTracer
+from harness.device.runtime import cl
+from harness.device.stopwatch import Stopwatch
+from harness.tracers.base import DeviceTracer
+from harness.tracers.batch import Batch
 
 BLOCK = 4096  # triangles a work-item tests, small enough to keep every core busy
 
@@ -28,7 +29,7 @@ class Brute(DeviceTracer):
 
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """One kernel over chunks of rays times blocks of triangles."""
-        program = self.program("intersect_driver.cl", lanes=self.lanes)
+        program = self.program("tracers/chunks.cl", lanes=self.lanes)
         blocks = -(-self.scene.active_count // BLOCK)
         with watch.stage("intersect"):
             program.launch(

@@ -8,9 +8,9 @@ from functools import cached_property
 from pydantic import Field
 
 from harness.data import Counters, Hits, Rays
-from harness.embree import EmbreeScene
-from harness.stopwatch import Stopwatch
-from harness.tracers._base import Options, Tracer
+from harness.device.stopwatch import Stopwatch
+from harness.reference.embree_scene import EmbreeScene
+from harness.tracers.base import Options, Tracer
 
 
 class EmbreeOptions(Options):

@@ -7,9 +7,10 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from harness.runtime import cl
-from harness.stopwatch import Stopwatch
-from harness.tracers._base import Batch, DeviceOptions, DeviceTracer
+from harness.device.runtime import cl
+from harness.device.stopwatch import Stopwatch
+from harness.tracers.base import DeviceOptions, DeviceTracer
+from harness.tracers.batch import Batch
 
 EXITS = ("keep", "reject")  # what becomes of a hit beyond the exit of its cell
 
@@ -35,7 +36,7 @@ class Forward(DeviceTracer):
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """One kernel; traversal and intersection are interleaved, so there is only a total."""
         rule = {"REJECT_BEYOND_EXIT": 1} if self.options.exit == "reject" else {}
-        program = self.program("forward.cl", lanes=self.lanes, grid=True, defines=rule)
+        program = self.program("tracers/forward.cl", lanes=self.lanes, grid=True, defines=rule)
         program.launch(
             "trace_forward",
             batch.count,

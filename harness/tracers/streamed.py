@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from harness.runtime import cl
-from harness.stopwatch import Stopwatch
-from harness.tracers._base import Batch, DeviceOptions, DeviceTracer
+from harness.device.runtime import cl
+from harness.device.stopwatch import Stopwatch
+from harness.tracers.base import DeviceOptions, DeviceTracer
+from harness.tracers.batch import Batch
 
 BLOCK = 1024  # consecutive rays of one stream
 
@@ -40,17 +41,23 @@ class Streamed(DeviceTracer):
         cells = max(grid.nonempty, 1)
         fit = self.device.max_allocation_bytes // (4 * cells * self.lanes)
         streams = max(1, min(self.options.streams or self.device.compute_units, blocks, fit))
-        room = -(-blocks // streams) * BLOCK
-        active, listed = self.room("active rays", streams * room), self.room("listed cells", streams * (cells + 1))
-        bins, filled = self.room("bins", streams * cells * self.lanes), self.room("fills", -(-streams * cells // 4))
+        share = -(-blocks // streams) * BLOCK  # rays of a stream
+        active, listed = (
+            self.buffer("active rays", streams * share),
+            self.buffer("listed cells", streams * (cells + 1)),
+        )
+        bins, filled = (
+            self.buffer("bins", streams * cells * self.lanes),
+            self.buffer("fills", -(-streams * cells // 4)),
+        )
         cl.enqueue_fill_buffer(self.device.queue, filled.data, np.int32(0), 0, filled.nbytes)
         shape = {"lanes": self.lanes, "grid": True, "walk_lanes": self.exchanged_lanes}
-        program = self.program("stream.cl", **shape, defines={"BLOCK": BLOCK})
+        program = self.program("tracers/streamed.cl", **shape, defines={"BLOCK": BLOCK})
         wave_counters = self._wave_counters()
         program.launch(
             "trace_stream",
             streams,
-            *(batch.count, streams, room, self.options.wave, self.options.growth, batch.rays, batch.keys),
+            *(batch.count, streams, share, self.options.wave, self.options.growth, batch.rays, batch.keys),
             *(*grid.arguments, batch.positions, batch.t_exit, grid.cell_start, grid.references, self.triangles),
             *(cells, active, bins, filled, listed, *self.counting, *wave_counters),
             local=1,

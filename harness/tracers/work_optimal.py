@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from harness.data import Hits, Rays
-from harness.grid import exclusive_scan
-from harness.runtime import cl
-from harness.stopwatch import Stopwatch
-from harness.tracers._base import Batch, DeviceTracer
+from harness.device.primitives import exclusive_scan
+from harness.device.runtime import cl
+from harness.device.stopwatch import Stopwatch
+from harness.tracers.base import DeviceTracer
+from harness.tracers.batch import Batch
 
 
 class WorkOptimal(DeviceTracer):
@@ -35,7 +36,7 @@ class WorkOptimal(DeviceTracer):
 
     def _record(self, batch: Batch) -> None:
         queue, grid = self.device.queue, self.grid
-        program = self.program("forward.cl", lanes=self.lanes, grid=True)
+        program = self.program("tracers/forward.cl", lanes=self.lanes, grid=True)
         self.visited = cl.array.zeros(queue, batch.count, np.int32)
         throwaway = () if self.counters is None else (cl.array.zeros_like(self.counters),)
         self.start(batch)
@@ -58,7 +59,7 @@ class WorkOptimal(DeviceTracer):
 
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """Spin over the recorded cells."""
-        program = self.program("work_optimal.cl", lanes=self.lanes)
+        program = self.program("tracers/work_optimal.cl", lanes=self.lanes)
         with watch.stage("intersect"):
             program.launch(
                 "intersect_visited",

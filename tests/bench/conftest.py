@@ -1,6 +1,7 @@
 """Names the real machine in pytest-benchmark's output, whose own idea of it knows no CPU and no device."""
 
-from harness.device import machine_description, open_device
+from harness.device.machine import machine_description
+from harness.device.opened import open_device
 
 
 def pytest_benchmark_update_machine_info(config, machine_info):

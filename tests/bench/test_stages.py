@@ -7,21 +7,22 @@ import dataclasses
 import pytest
 from shapes import icosphere, random_rays
 
-from harness.data import GridSpec, Scene
-from harness.grid import build_grid
-from harness.intersectors import INTERSECTORS
-from harness.stopwatch import Stopwatch
+from harness.data import Scene
+from harness.device.stopwatch import Stopwatch
+from harness.spec.intersectors import INTERSECTORS
+from harness.spec.structure import GridSpec
+from harness.structures import build_grid
 from harness.tracers import find
-from harness.tracers._base import Setting
+from harness.tracers.prepared import Prepared
 
 SPEC = GridSpec(8, 64)
 RAYS = 100_000
 
 
 @pytest.fixture(scope="module")
-def ball(device) -> Setting:
+def ball(device) -> Prepared:
     """81,920 triangles and their grid."""
-    setting = Setting.on_device(Scene("ball", icosphere(6)), device)
+    setting = Prepared.on_device(Scene("ball", icosphere(6)), device)
     return dataclasses.replace(setting, grid=build_grid(setting.device_scene, SPEC))
 
 

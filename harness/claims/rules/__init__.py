@@ -12,14 +12,14 @@ from typing import Annotated, Union
 
 from pydantic import Field
 
-from harness.figures.runs import Runs
+from harness.analysis.results import Results
 
 
 @dataclass(frozen=True)
 class Evidence:
     """What rules judge by: the runs of a folder, and the scenes that the paper measured."""
 
-    runs: Runs
+    runs: Results
     scenes: tuple[str, ...]
 
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from typing import Literal
 
+from harness.analysis.names import grid_text, plain
 from harness.claims.evidence import PAPER_GRID
 from harness.claims.outcome import Bound, Finding, Outcome, Strict, missing
-from harness.coherence import Coherence
-from harness.figures.runs import grid_text, plain
+from harness.records.coherence_row import Coherence
 
 MODELS = Literal["forward", "deferred", "deferred-packed"]
 VALUES = {
     "walk_efficiency": ("share of lanes at work in a step of the walk", lambda one: one.walk_efficiency),
     "test_efficiency": ("share of lanes at work in a test", lambda one: one.test_efficiency),
-    "lines_per_test": ("distinct cache lines of 128 bytes over tests",
-                       lambda one: one.lines_128 / one.line_tests if one.line_tests else 0.0),
+    "lines_per_test": (
+        "distinct cache lines of 128 bytes over tests",
+        lambda one: one.lines_128 / one.line_tests if one.line_tests else 0.0,
+    ),
 }
 
 
@@ -34,8 +36,11 @@ class Rule(Strict):
         """Exact counts, scene by scene."""
         title, value = VALUES[self.value]
         words = f"{title}, {self.lanes} lanes, {self.of} / {self.to} {self.full.words()}"
-        rows = {plain(row["scene"]["name"]): row for row in evidence.runs.coherence
-                if grid_text(row["grid"]) == PAPER_GRID and row["rays"]["kind"] == "diffuse"}
+        rows = {
+            plain(row["scene"]["name"]): row
+            for row in evidence.runs.coherence
+            if grid_text(row["grid"]) == PAPER_GRID and row["rays"]["kind"] == "diffuse"
+        }
         findings, answers = [], []
         for scene in evidence.scenes:
             found = self._ratio(rows.get(plain(scene)), value)
@@ -43,16 +48,32 @@ class Rule(Strict):
                 findings.append(Finding(scene, None, note="no rows of 'defray coherence'"))
                 continue
             row = rows[plain(scene)]
-            findings.append(Finding(evidence.runs.title_of(row["scene"]), found, found, found, (row["id"],),
-                                    row["scene"]["source"] == "stand-in", self.full.holds(found, found)))
+            findings.append(
+                Finding(
+                    evidence.runs.title_of(row["scene"]),
+                    found,
+                    found,
+                    found,
+                    (row["id"],),
+                    row["scene"]["source"] == "stand-in",
+                    self.full.holds(found, found),
+                )
+            )
             answers.append(found)
         if len(answers) < self.least:
             counted = f"{len(answers)} of {len(evidence.scenes)} scenes, {self.least} needed: " if answers else ""
             return missing(f"{counted}no rows of 'defray coherence'", words, self.full.words())
         ends = [(found.low, found.high) for found in findings]
         full, shape = (bound.over(bound.holds(*pair) for pair in ends) for bound in (self.full, self.shape))
-        return Outcome(full, shape, words, findings, f"{min(answers):.3g} to {max(answers):.3g}",
-                       shape_threshold=self.shape.words(), needed=self.full.words())
+        return Outcome(
+            full,
+            shape,
+            words,
+            findings,
+            f"{min(answers):.3g} to {max(answers):.3g}",
+            shape_threshold=self.shape.words(),
+            needed=self.full.words(),
+        )
 
     def _ratio(self, row: dict | None, value) -> float | None:
         """The ratio on one scene; None without both models at this width."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
+from harness.analysis.names import three_digits
 from harness.claims.evidence import LEAST_REPETITIONS, Operand, lacking, pair_on, scene_rows
 from harness.claims.outcome import Finding, Outcome, Strict
-from harness.figures.style import three_digits
 from harness.stats import interval
 
 REASON = "an absolute rate of the paper's GPU, which it does not name: ours are context, neither pass nor fail"
@@ -42,5 +42,11 @@ class Rule(Strict):
         if not known:
             reason += f"; and {lacking(evidence.runs, evidence.scenes, [], (self.of,), 1)}"
         summary = f"{three_digits(min(known))} to {three_digits(max(known))} {self.unit}" if known else ""
-        return Outcome(None, None, f"none; the paper's: {', '.join(f'{value:g}' for value in stated)} {self.unit}",
-                       findings, summary, missing=reason)
+        return Outcome(
+            None,
+            None,
+            f"none; the paper's: {', '.join(f'{value:g}' for value in stated)} {self.unit}",
+            findings,
+            summary,
+            missing=reason,
+        )

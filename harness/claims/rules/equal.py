@@ -30,8 +30,9 @@ class Rule(Strict):
         """One finding a scene and counter: the ratio, which must be 1 exactly."""
         words = f"{', '.join(self.counters)} of {self.of} and {self.to} equal on every scene"
         findings, known = [], []
-        operands = {name: [Operand(variant=variant, count=name) for variant in (self.of, self.to)]
-                    for name in self.counters}
+        operands = {
+            name: [Operand(variant=variant, count=name) for variant in (self.of, self.to)] for name in self.counters
+        }
         for scene in evidence.scenes:
             rows = scene_rows(evidence.runs, scene)
             pairs = {name: pair_on(rows, *both) for name, both in operands.items()}
@@ -42,8 +43,18 @@ class Rule(Strict):
             for name, pair in pairs.items():
                 one, two = (int(side[0]) for side in pair.samples)
                 note = f"{one:,} and {two:,}"
-                findings.append(Finding(f"{pair.title}, {name}", pair.value, pair.value, pair.value, pair.runs,
-                                        pair.stand_in, one == two, note))
+                findings.append(
+                    Finding(
+                        f"{pair.title}, {name}",
+                        pair.value,
+                        pair.value,
+                        pair.value,
+                        pair.runs,
+                        pair.stand_in,
+                        one == two,
+                        note,
+                    )
+                )
         if len(known) < self.least:
             both = next(iter(operands.values()))
             reason = lacking(evidence.runs, evidence.scenes, known, both, self.least)

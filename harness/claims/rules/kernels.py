@@ -21,15 +21,28 @@ class Rule(Strict):
     def judge(self, evidence) -> Outcome:
         """The quotient of the medians; its interval is that of the ends of both, which is the wider one."""
         words = f"tests a second, {self.of} / {self.to} {self.full.words(scenes=False)}"
-        rates = {row["intersector"]: row["tests_per_second"] for row in evidence.runs.kernel_rates
-                 if row["contraction"] == self.contraction and row.get("tests_per_second")}
+        rates = {
+            row["intersector"]: row["tests_per_second"]
+            for row in evidence.runs.kernel_rates
+            if row["contraction"] == self.contraction and row.get("tests_per_second")
+        }
         absent = [name for name in (self.of, self.to) if name not in rates]
         if absent:
-            return missing(f"no rate of {' and '.join(absent)} by itself: needs `defray stability --intersector all "
-                           "--out DIR`", words, self.full.words(scenes=False))
+            return missing(
+                f"no rate of {' and '.join(absent)} by itself: needs `defray stability --intersector all --out DIR`",
+                words,
+                self.full.words(scenes=False),
+            )
         one, two = rates[self.of], rates[self.to]
         value, low, high = one["median"] / two["median"], one["low"] / two["high"], one["high"] / two["low"]
         answer = self.full.holds(low, high)
         finding = Finding(f"{self.of} over {self.to}", value, low, high, ("stability.json",), False, answer)
-        return Outcome(answer, self.shape.holds(low, high), words, [finding], f"{Interval(value, low, high)}",
-                       shape_threshold=self.shape.words(scenes=False), needed=self.full.words(scenes=False))
+        return Outcome(
+            answer,
+            self.shape.holds(low, high),
+            words,
+            [finding],
+            f"{Interval(value, low, high)}",
+            shape_threshold=self.shape.words(scenes=False),
+            needed=self.full.words(scenes=False),
+        )

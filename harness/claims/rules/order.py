@@ -37,8 +37,15 @@ class Rule(Strict):
         shape = True if sure >= self.shape_pairs else None if possible >= self.shape_pairs else False
         ranked = sorted(known, key=lambda scene: sorted(known[scene].samples[0])[len(known[scene].samples[0]) // 2])
         summary = f"{sure} of {len(answers)} pairs in order; here: {', '.join(ranked)}"
-        return Outcome(every(answers), shape, words, findings, summary, needed="every pair",
-                       shape_threshold=f"{self.shape_pairs} of {len(answers)} pairs in that order")
+        return Outcome(
+            every(answers),
+            shape,
+            words,
+            findings,
+            summary,
+            needed="every pair",
+            shape_threshold=f"{self.shape_pairs} of {len(answers)} pairs in that order",
+        )
 
     def _compare(self, fast, slow, what: str):
         """Times of two scenes; they were not measured together, so each is resampled by itself."""

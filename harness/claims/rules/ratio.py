@@ -30,11 +30,20 @@ class Rule(Strict):
             return missing(reason, words, self.full.words())
         shape = self.shape or self.full
         answers = [[bound.holds(*_ends(pair)) for pair in pairs.values()] for bound in (self.full, shape)]
-        findings = [self._finding(scene, pair, answer) for (scene, pair), answer in
-                    zip(pairs.items(), answers[0], strict=True)]
-        return Outcome(self.full.over(answers[0]), shape.over(answers[1]), words, findings, _summary(found),
-                       shape_threshold=self.shape.words() if self.shape else "", needed=self.full.words(),
-                       facts=_mean(found))
+        findings = [
+            self._finding(scene, pair, answer)
+            for (scene, pair), answer in zip(pairs.items(), answers[0], strict=True)
+        ]
+        return Outcome(
+            self.full.over(answers[0]),
+            shape.over(answers[1]),
+            words,
+            findings,
+            _summary(found),
+            shape_threshold=self.shape.words() if self.shape else "",
+            needed=self.full.words(),
+            facts=_mean(found),
+        )
 
     def name(self) -> str:
         """What is divided by what, in words."""

@@ -7,8 +7,7 @@ from typing import Literal
 
 from harness.claims.outcome import Finding, Outcome, Strict, missing
 from harness.errors import DefrayError
-from harness.intersectors import find
-from harness.program import KERNELS
+from harness.spec.intersectors import KERNELS, find
 
 DOT_FLOPS, CROSS_FLOPS = 5, 9  # of three terms: products and sums
 
@@ -29,8 +28,10 @@ class Rule(Strict):
 
     def judge(self, evidence) -> Outcome:
         """Products and sums in the source, to accept or reject, against the tally."""
-        tally = (f"{self.differences} differences, {self.dot_products} dot products, {self.cross_products} cross "
-                 f"product: {self.flops} operations")
+        tally = (
+            f"{self.differences} differences, {self.dot_products} dot products, {self.cross_products} cross "
+            f"product: {self.flops} operations"
+        )
         entry = find(self.intersector)
         try:
             products, sums = operations((KERNELS / "intersect" / entry.file).read_text(encoding="utf-8"))

@@ -6,10 +6,10 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from harness.claims.evidence import Operand, Pair, lacking, pair_on, rungs, scene_rows
+from harness.analysis.names import plain
+from harness.claims.evidence import Operand, Pair, lacking, pair_on, resized_scenes, scene_rows
 from harness.claims.outcome import Answer, Finding, Outcome, Strict, missing
 from harness.errors import DefrayError
-from harness.figures.runs import plain
 from harness.stats import Interval, exponent, fits
 
 
@@ -59,7 +59,7 @@ class Rule(Strict):
             pairs = [pair for pair in pairs if pair is not None]
             groups = ["scenes"] * len(pairs)
         else:
-            ladders = {scene: rungs(runs, scene, self.of, self.to) for scene in scenes}
+            ladders = {scene: resized_scenes(runs, scene, self.of, self.to) for scene in scenes}
             pairs = [pair for ladder in ladders.values() for pair in ladder]
             groups = [f"{scene} {pair.stand_in}" for scene, ladder in ladders.items() for pair in ladder]
         if len(pairs) < self.least:
@@ -84,12 +84,33 @@ class Rule(Strict):
             ranked = fits(sizes, values)
             facts["aicc"] = {fit.model: fit.aicc for fit in ranked if fit.aicc < float("inf")}
             preferred = f"; of constant, line and power law AICc prefers the {ranked[0].model}"
-        findings = [Finding("power of the triangles", power.median, power.low, power.high,
-                            tuple(run for pair in pairs for run in pair.runs), any(pair.stand_in for pair in pairs),
-                            self.full.holds(power))]
-        findings += [Finding(f"{pair.title}, {pair.triangles:,} triangles", pair.value,
-                             *((pair.interval.low, pair.interval.high) if pair.interval else (None, None)), pair.runs,
-                             pair.stand_in) for pair in pairs]
-        return Outcome(self.full.holds(power), self.shape.holds(power), self.full.words(), findings,
-                       f"power {power} over {len(pairs)} points{preferred}",
-                       shape_threshold=self.shape.words(), facts=facts)
+        findings = [
+            Finding(
+                "power of the triangles",
+                power.median,
+                power.low,
+                power.high,
+                tuple(run for pair in pairs for run in pair.runs),
+                any(pair.stand_in for pair in pairs),
+                self.full.holds(power),
+            )
+        ]
+        findings += [
+            Finding(
+                f"{pair.title}, {pair.triangles:,} triangles",
+                pair.value,
+                *((pair.interval.low, pair.interval.high) if pair.interval else (None, None)),
+                pair.runs,
+                pair.stand_in,
+            )
+            for pair in pairs
+        ]
+        return Outcome(
+            self.full.holds(power),
+            self.shape.holds(power),
+            self.full.words(),
+            findings,
+            f"power {power} over {len(pairs)} points{preferred}",
+            shape_threshold=self.shape.words(),
+            facts=facts,
+        )

@@ -1,0 +1,1 @@
+"""Records as tables: selections, names and ratios that figures, tables and claims share."""

@@ -1,0 +1,84 @@
+"""Names of runs for people: tracers in order, labels, structures, stand-ins, numbers with three digits."""
+
+from __future__ import annotations
+
+import re
+
+from harness.spec.run_spec import SIZES
+
+TRACERS = ("deferred", "streamed", "work-optimal", "forward", "brute", "embree")
+RATES = ("traverse", "intersect", "total")
+WORKLOAD = ["scene", "view", "rays", "seed"]
+SAME_WORK = [*WORKLOAD, "grid", "beside"]  # `grid` alone does not tell adaptive grids of different densities apart
+STAND_IN = "-stand-in"
+
+
+def scene_and_size(scene: str) -> tuple[str, str]:
+    """A recorded scene's name without its size, and the size: `("crown", "1/4")`; `1` for a whole scene."""
+    base, mark, size = scene.rpartition("@")
+    return (base, size) if mark and size in SIZES else (scene, "1")
+
+
+def stand_in_name(scene: str) -> str:
+    """A stand-in's name in a folder that also holds the real scene: `sponza-stand-in`, `sponza-stand-in@1/4`."""
+    base, size = scene_and_size(scene)
+    return base + STAND_IN + ("" if size == "1" else f"@{size}")
+
+
+def plain(name: str) -> str:
+    """A scene's name without case, spaces and hyphens."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def as_command(command) -> str:
+    """A recorded command as one line."""
+    return command if isinstance(command, str) else " ".join(map(str, command))
+
+
+def options_text(options: dict | None) -> str:
+    """Options as a variant's name writes them."""
+    return ":".join(f"{key}={value}" for key, value in sorted((options or {}).items()))
+
+
+def label_of(record: dict) -> str:
+    """`tracer:intersector:option=value` of a record."""
+    parts = (record["tracer"], record.get("intersector") or "", options_text(record.get("options")))
+    return ":".join(part for part in parts if part)
+
+
+def grid_text(grid: dict) -> str:
+    """`8/128 total`, or nothing where a tracer uses no grid."""
+    return f"{grid['top']}/{grid['leaf']} {grid.get('reading', '')}".strip() if grid else ""
+
+
+def beside_text(record: dict) -> str:
+    """The grid that a run was asked for, with its density: runs on the same rays with the same were interleaved.
+
+    Of a tracer without a grid, that of the runs it stood beside; nothing where it stood alone.
+    """
+    asked = (record.get("spec") or {}).get("grid") or record.get("grid") or {}
+    return " ".join(filter(None, (grid_text(asked), f"{asked.get('density') or ''}")))
+
+
+def three_digits(value: float) -> str:
+    """A measured value: three significant digits with their zeros, `4.00`, `0.140`; whole thousands."""
+    if abs(value) >= 1000:
+        return f"{value:,.0f}"
+    return f"{value:#.3g}".rstrip(".") if abs(value) >= 1e-3 else f"{value:.2g}"
+
+
+def short_number(value: float) -> str:
+    """Three significant digits, no exponent, thousands as k, M or G: `0.58`, `4.73`, `142`, `3.54M`."""
+    for size, unit in ((1e9, "G"), (1e6, "M"), (1e4, "k")):
+        if abs(value) >= size:
+            return _digits(value / (1e3 if unit == "k" else size)) + unit
+    return _digits(value)
+
+
+def _digits(value: float) -> str:
+    if value == 0:
+        return "0"
+    if abs(value) < 1e-3:
+        return f"{value:.2g}"
+    text = f"{value:.3g}"
+    return f"{value:.0f}" if "e" in text else text

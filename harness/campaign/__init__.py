@@ -1,0 +1,1 @@
+"""A plan carried out: order, lock, resume, time left, executors."""

@@ -1,0 +1,211 @@
+"""Plans: counts, grids and variants as people write them, and tiers of a TOML file as lists of runs."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from harness.errors import DefrayError, first_problem, known
+from harness.files import ROOT
+from harness.inputs.scenes import check_name, enlargeable
+from harness.spec.run_spec import RAY_KINDS, SIZES, Check, RunSpec, Variant, parse_count
+from harness.spec.structure import GridSpec, parse_grid
+from harness.studies.errors_and_leaks import Contender, Plan, parse_contenders
+from harness.tracers import check_variant, needs_grid
+
+TIERS = ROOT / "harness" / "paper" / "accuracy.toml"
+
+
+@dataclass(frozen=True)
+class SceneTask:
+    """One scene and what is measured on it; `contenders` None stands for the default list of the device."""
+
+    scene: str
+    plan: Plan
+    contenders: list[Contender] | None = None
+    precision: bool = False
+
+
+@dataclass
+class AccuracyRequest:
+    """What `defray accuracy` was asked."""
+
+    parts: list[SceneTask]
+    out: Path
+    resume: bool = False
+    device: str | None = None
+
+
+def scene_tasks(scenes: Sequence[str], tier: str | None, rays, aimed, repetitions) -> list[SceneTask]:
+    """Scenes and counts of the tier, replaced by those of the command line.
+
+    Raises DefrayError for what is not known.
+    """
+    given = {"rays": rays, "aimed": aimed, "repetitions": repetitions}
+    given = {name: parse_count(value) for name, value in given.items() if value is not None}
+    entries = [{"scenes": list(scenes)}]
+    if tier is not None:
+        tiers = tomllib.loads(TIERS.read_text(encoding="utf-8"))["tiers"]
+        if tier not in tiers:
+            raise known("tier", tier, tiers)
+        entries = [entry | ({"scenes": list(scenes)} if scenes else {}) for entry in tiers[tier]]
+    found: dict[str, SceneTask] = {}
+    for entry in entries:
+        counts = {name: parse_count(entry[name]) for name in ("rays", "aimed", "repetitions") if name in entry}
+        contenders = parse_contenders(",".join(entry["variants"])) if "variants" in entry else None
+        for scene in entry["scenes"]:
+            check_name(scene)
+            precision = scene in entry.get("precision", ())
+            found.setdefault(scene, SceneTask(scene, Plan(**(counts | given)), contenders, precision))
+    if not found:
+        raise DefrayError("name a scene or a tier, as in: defray accuracy sponza")
+    return list(found.values())
+
+
+def make_spec(scene: str, variant: Variant, **fields: Any) -> RunSpec:
+    """A checked RunSpec; raises DefrayError for anything that could not run whatever the scene."""
+    kind, ray_file = fields.get("kind", "diffuse"), fields.get("ray_file")
+    if kind not in RAY_KINDS:
+        raise known("kind of rays", kind, RAY_KINDS)
+    if (kind == "file") != (ray_file is not None):
+        raise DefrayError("rays of kind 'file' need a ray file (--ray-file), and a ray file needs kind 'file'")
+    if ray_file is not None and not Path(ray_file).is_file():
+        what = "is a folder" if ray_file and Path(ray_file).is_dir() else "does not exist"
+        raise DefrayError(f"ray file '{ray_file}' {what}")
+    if fields.get("grid") is None and needs_grid(variant):
+        raise DefrayError(f"tracer '{variant.tracer}' needs a grid")
+    try:
+        return RunSpec(scene=scene, variant=check_variant(variant), **fields)
+    except ValidationError as error:
+        raise DefrayError(first_problem(error)) from None
+
+
+def interleaved(
+    scene: str, variants: Sequence[Variant], grids: Sequence[GridSpec], **fields: Any
+) -> Iterable[RunSpec]:
+    """Specs of all variants on all grids.
+
+    A tracer without a grid is measured beside the runs of every grid: it belongs to their group, so that its
+    repetitions interleave with theirs and ratios to it are paired. Where no variant walks a grid it has none.
+    """
+    if not any(map(needs_grid, variants)):
+        grids = []
+    for variant in variants:
+        for grid in grids or [None]:
+            yield make_spec(scene, variant, grid=grid, **fields)
+
+
+_listed = BeforeValidator(lambda value: value if isinstance(value, list) else [value])
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class SweepEntry(_Strict):
+    """One sweep: the product of all its lists. A single value may stand for a list of one."""
+
+    name: str
+    scenes: Annotated[list[str], _listed]
+    sizes: Annotated[list[str], _listed] = Field(default_factory=lambda: ["1"])
+    grids: Annotated[list[str], _listed] = Field(default_factory=list)
+    variants: Annotated[list[str], _listed]
+    kinds: Annotated[list[str], _listed] = Field(default_factory=lambda: ["diffuse"])
+    rays: Annotated[list[str | int], _listed] = Field(default_factory=lambda: ["1M"])
+    seeds: Annotated[list[int], _listed] = Field(default_factory=lambda: [1])
+    views: Annotated[list[str], _listed] = Field(default_factory=list)
+    repetitions: int = Field(default=3, gt=0)
+    check: Check = "embree"
+
+    def resized_scenes(self) -> list[str]:
+        """Every scene in every size there is of it; raises DefrayError for an unknown scene or size."""
+        for size in self.sizes:
+            if size not in SIZES:
+                raise known("size", size, SIZES)
+        for scene in self.scenes:
+            check_name(scene)
+        made = [
+            f"{scene}@{size}" if size != "1" else scene
+            for scene, size in product(self.scenes, self.sizes)
+            if SIZES[size] <= 1 or enlargeable(scene)
+        ]
+        return list(dict.fromkeys(made))
+
+    def specs(self) -> list[RunSpec]:
+        """All runs of the product, in the order of the lists."""
+        variants = [Variant.parse(text) for text in self.variants]
+        grids = [parse_grid(text) for text in self.grids]
+        made: list[RunSpec] = []
+        for scene, kind, rays, seed, view in product(
+            self.resized_scenes(), self.kinds, self.rays, self.seeds, self.views or [None]
+        ):
+            common = {"kind": kind, "rays": parse_count(rays), "seed": seed, "view": view}
+            common |= {"repetitions": self.repetitions, "check": self.check}
+            made += interleaved(scene, variants, grids, **common)
+        return made
+
+
+class Tier(_Strict):
+    """Sweeps that are run together; `include` takes over those of other tiers of the file."""
+
+    about: str = ""
+    include: list[str] = Field(default_factory=list)
+    sweeps: list[SweepEntry] = Field(default_factory=list)
+
+
+class SweepFile(_Strict):
+    """A whole sweep file: tiers by name."""
+
+    tiers: dict[str, Tier]
+
+
+def read_sweep_file(path: Path | str) -> SweepFile:
+    """Read and validate a sweep file; raises DefrayError naming the file and the bad field."""
+    try:
+        with open(path, "rb") as file:
+            return SweepFile.model_validate(tomllib.load(file))
+    except OSError as error:
+        raise DefrayError(f"cannot read {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise DefrayError(f"{path}: not TOML: {error}") from None
+    except ValidationError as error:
+        raise DefrayError(f"{path}: {first_problem(error)}") from None
+
+
+def expand(path: Path | str, tier: str) -> list[RunSpec]:
+    """All different runs of a tier and the tiers it includes, in the file's order."""
+    file = read_sweep_file(path)
+    runs: dict[str, RunSpec] = {}
+    for name in _with_included(file, tier, path):
+        for entry in file.tiers[name].sweeps:
+            try:
+                runs |= {spec.id: spec for spec in entry.specs() if spec.id not in runs}
+            except DefrayError as error:
+                raise DefrayError(f"{path}: tier {name}, sweep '{entry.name}': {error}") from None
+    if not runs:
+        raise DefrayError(f"{path}: tier '{tier}' has no runs")
+    return list(runs.values())
+
+
+def _with_included(file: SweepFile, tier: str, path: Path | str) -> list[str]:
+    """`tier` after all tiers that it includes, each once."""
+    order: list[str] = []
+
+    def visit(name: str, above: tuple[str, ...]) -> None:
+        if name not in file.tiers:
+            raise DefrayError(f"{path}: {known('tier', name, file.tiers)}")
+        if name in above:
+            raise DefrayError(f"{path}: tier '{name}' includes itself")
+        for included in file.tiers[name].include:
+            visit(included, (*above, name))
+        if name not in order:
+            order.append(name)
+
+    visit(tier, ())
+    return order

@@ -1,0 +1,139 @@
+"""`defray stability`: test intersectors where methods fail: edges, slivers, distance, degenerate input."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from harness.commands.options import DeviceOption, JsonOption, print_json
+from harness.device.machine import machine_description
+from harness.device.opened import open_device
+from harness.records import stability_row as report
+from harness.spec.intersectors import DEFAULT, INTERSECTORS, find
+from harness.spec.stress_suite import families, select, size_of
+from harness.studies.stability.kernel_rates import kernel_rates
+from harness.studies.stability.pairs import contracts
+from harness.studies.stability.stress_run import chosen, run_suite
+
+EPILOG = "Examples:  [bold]defray stability[/bold]   [bold]defray stability --intersector all --family W2[/bold]"
+
+
+def stability(
+    intersector: Annotated[
+        str, typer.Option(metavar="NAME", help="An intersector by name, 'default' or 'all'.")
+    ] = "default",
+    family: Annotated[
+        str | None, typer.Option(metavar="ID", help="W, A, D, G, S, or one family as in W2; all by default.")
+    ] = None,
+    size: Annotated[str, typer.Option(help="'full', a million aimed rays a family, or 'smoke'.")] = "full",
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Also add to DIR/stability.json, with test rates.")
+    ] = None,
+    device: DeviceOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Test intersectors where methods fail: edges, slivers, distance, degenerate input, the grid, ray offsets.
+
+    Every one runs with floating-point contraction off and on.
+    Exits with 1 where one that is registered as watertight leaks, or the default one fails any family.
+    """
+    families, size = select(family), size_of(size)
+    if intersector not in ("all", "default"):
+        find(intersector)
+    opened = open_device(device)
+    modes = contracts(opened)
+    _tell_of_contraction(opened.name, modes)
+    file = None if out is None else report.ResultsFile(out, machine_description(opened), modes)
+    rows = _measure(opened, chosen(intersector, opened), families, size, file)
+    if json:
+        print_json(rows)
+    else:
+        console = Console(width=None if sys.stdout.isatty() else 240)
+        console.print(report.table(rows))
+        console.print(report.LEGEND, highlight=False)
+    failed = [row for row in rows if not row["passed"] and is_promised(row, DEFAULT)]
+    for row in failed:
+        name = f"{row['intersector']}, contraction {row['contraction']}"
+        print(f"error: {name} fails family {row['family']}", file=sys.stderr)
+    raise typer.Exit(1 if failed else 0)
+
+
+def _tell_of_contraction(device: str, modes: dict[str, bool]) -> None:
+    """A note on standard error for each mode in which the compiler does not do as it was told."""
+    for mode, expected in (("off", False), ("on", True)):
+        if modes[mode] is not expected:
+            verb = "contracts all the same" if modes[mode] else "does not contract"
+            print(f"note: with contraction {mode}, the compiler of {device} {verb}", file=sys.stderr)
+
+
+def is_promised(row: dict, default: str) -> bool:
+    """Whether passing is promised: everything of the default, no leak of one registered as watertight."""
+    return row["intersector"] == default or (INTERSECTORS[row["intersector"]].watertight and bool(row["leaks"]))
+
+
+def _measure(device, entries, families, size: str, file) -> list[dict]:
+    """All rows, with a progress bar on standard error; into `file`, and with the test rates, where there is one."""
+    console, rows = Console(stderr=True), []
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("starting", total=None)
+
+        def tell(what: str, done: int, total: int) -> None:
+            bar.update(task, description=what, completed=done, total=total)
+
+        for row in run_suite(device, entries, families, size, lambda step: tell(step.what, step.done, step.total)):
+            rows.append(row)
+            if file:
+                file.add([row])
+        if file:
+            file.add(kernel_rates=kernel_rates(device, entries, tell))
+    return rows
+
+
+LEGEND = (
+    "W, G: leaks a million rays; A: worst band | 99th percentile of t's distance from the plane, local ulp; "
+    "A4, D: gross errors; S: self-hits, tunnels a million rays; ✗: not passed"
+)
+
+
+def table(rows: Sequence[dict]) -> Table:
+    """Methods by families: the figure that decides, red where the family is failed."""
+    order = [family for family in families() if any(row["family"] == family for row in rows)]
+    found = {(row["intersector"], row["contraction"], row["family"]): row for row in rows}
+    result = Table(box=None)
+    result.add_column("intersector")
+    result.add_column("contraction")
+    for family in order:
+        result.add_column(family, justify="right")
+    for name, mode in dict.fromkeys((row["intersector"], row["contraction"]) for row in rows):
+        cells = [_cell(found.get((name, mode, family))) for family in order]
+        result.add_row(name, mode, *cells)
+    return result
+
+
+def _cell(row: dict | None) -> str:
+    if row is None:
+        return "–"
+    if row["band_ulp"] is not None and row["residual_p99_ulp"] is not None and row["family"] != "A4":
+        text = f"{_number(row['band_ulp'])}|{_number(row['residual_p99_ulp'])}"
+    elif row["leaks"] is not None:
+        text = _number(1e6 * row["leaks"] / row["rays"])
+    elif row["self_hits"] is not None:
+        text = f"{_number(1e6 * row['self_hits'] / row['rays'])},{_number(1e6 * row['tunnels'] / row['rays'])}"
+    else:
+        text = _number(row["gross"])
+    return text if row["passed"] else f"[red]{text} ✗[/red]"
+
+
+def _number(value: float) -> str:
+    """Two digits are enough to see where a method fails."""
+    if value < 1000:
+        return f"{value:.2g}" if value < 100 else f"{value:.0f}"
+    return f"{value:.0e}".replace("e+0", "e")

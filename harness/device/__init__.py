@@ -1,0 +1,1 @@
+"""One OpenCL device: found, opened, described, programmed, timed."""

@@ -1,0 +1,1 @@
+"""Everything a run is given: scenes and rays."""

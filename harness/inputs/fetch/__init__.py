@@ -1,0 +1,1 @@
+"""Real scenes from their publishers: downloaded, unpacked, pinned."""

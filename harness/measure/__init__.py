@@ -1,0 +1,1 @@
+"""Opened, warmed up, interleaved, checked: the only place that times."""

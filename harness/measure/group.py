@@ -1,0 +1,167 @@
+"""Measuring a group of runs: what they share, warm-up, interleaved repetitions, checks, record bodies."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from harness import stats, tracers
+from harness.data import Counters, Hits, Samples, Scene, differing
+from harness.device.stopwatch import Stopwatch
+from harness.measure.scene import shared_scene
+from harness.reference.check import Agreement
+from harness.spec import intersectors
+from harness.spec.run_spec import RunSpec
+from harness.structures.base import Grid
+from harness.tracers.base import Tracer
+from harness.tuning.choose import DEFERRED, Choice, prepare_grid
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a group is doing: the run (None while the shared parts are prepared), the stage, and how far it is."""
+
+    spec: RunSpec | None
+    stage: str
+    done: float
+
+
+@dataclass(eq=False)
+class Run:
+    """One variant of a group and what it has yielded so far."""
+
+    spec: RunSpec
+    tracer: Tracer
+    options: dict[str, str]
+    samples: Samples = field(default_factory=Samples)
+    hits: Hits | None = None
+    unstable: int = 0  # rays whose hits changed from one repetition to the next
+    counters: Counters = field(default_factory=Counters)
+
+
+class Group:
+    """Scene, rays and grid of a group of runs; raises DefrayError for whatever cannot be loaded or built."""
+
+    def __init__(self, specs: Sequence[RunSpec], device, progress: Callable[[Progress], None]):
+        self.specs, self.device, self._progress = specs, device, progress
+        first = specs[0]
+        self.tell(None, "loading scene", 0.0)
+        self.shared = shared_scene(first.scene, device)
+        self.tell(None, "rays", 0.05)
+        self.rays = self.shared.rays(first)
+        self.tell(None, "building grid", 0.1)
+        self.setting, self.choice = self.shared.setting, None
+        walking = [spec for spec in specs if tracers.find(spec.variant.tracer).needs_grid]
+        if walking:
+            # One and the same of them, whatever order a sweep has drawn.
+            self._build_grid(min(walking, key=lambda spec: (_turn(spec.variant.tracer), str(spec.variant))))
+        self.seed = int(first.id, 16)
+
+    def tell(self, spec: RunSpec | None, stage: str, done: float) -> None:
+        """Report progress."""
+        self._progress(Progress(spec, stage, done))
+
+    def _build_grid(self, spec: RunSpec) -> None:
+        """Build the grid that all runs of the group share; of `auto`, for the run `spec`."""
+        variant = spec.variant
+        grid, self.choice = prepare_grid(
+            self.setting, self.rays, spec.grid, variant.tracer, intersectors.find(variant.intersector or ""),
+            variant.options, lambda what: self.tell(None, what, 0.1),
+        )  # fmt: skip
+        self.setting = dataclasses.replace(self.setting, grid=grid)
+
+    def open_run(self, spec: RunSpec) -> Run:
+        """The tracer of one run, its options validated; raises DefrayError where the device cannot run it."""
+        self.tell(spec, "preparing", 0.12)  # whatever is raised below is this run's, not the group's
+        kind = tracers.find(spec.variant.tracer)
+        test = intersectors.find(spec.variant.intersector or "") if kind.needs_intersector else None
+        options = spec.variant.options
+        if self.choice:
+            options = self.choice.options_for(kind.name, options)
+        return Run(spec, kind(self.setting, test, options), options)
+
+    def stopwatch(self, run: Run) -> Stopwatch:
+        """A new stopwatch on the run's device."""
+        return Stopwatch(self.device.queue if run.tracer.needs_device else None)
+
+    def check(self, run: Run, runs: Sequence[Run]) -> Agreement:
+        """Agreement of a run's hits with the reference, with its own repetitions and with other tracers."""
+        self.tell(run.spec, "check", 0.95)
+        agreement = self.shared.checker(run.spec, self.rays).check(run.hits)
+        if run.unstable:
+            reason = f"{run.unstable} rays changed their hit from one repetition to the next"
+            return dataclasses.replace(agreement, valid=False, reason=reason)
+        most = most_common(runs, run)
+        differ = differing(run.hits, most.hits)
+        if differ:
+            reason = f"{differ} rays differ from {most.spec.variant}, which they must equal bit for bit"
+            return dataclasses.replace(agreement, valid=False, reason=reason)
+        return agreement
+
+
+def most_common(runs: Sequence[Run], run: Run) -> Run:
+    """A run with the hits that most tracers agree on that promise the same: the odd one out is at fault."""
+    promise = _promise(run)
+    alike = [other for other in runs if promise and _promise(other) == promise]
+    if len(alike) < 2:
+        return run
+    hashes = {id(other): hits_hash(other.hits) for other in alike}
+    shares = Counter(hashes.values())
+    return max(alike, key=lambda other: (shares[hashes[id(other)]], other is run))
+
+
+def _promise(run: Run) -> tuple | None:
+    """What tracers must have in common for equal hits, bit for bit; None of one with a test of its own."""
+    test, options = run.tracer.intersector, run.tracer.options
+    return (test, options.contraction, getattr(options, "exit", "keep")) if test else None
+
+
+def hits_hash(hits: Hits) -> str:
+    """SHA-256 of t and primitive: equal for tracers that agree bit for bit."""
+    return hashlib.sha256(hits.t.tobytes() + hits.primitive.tobytes()).hexdigest()
+
+
+def scene_facts(scene: Scene) -> dict:
+    """The `scene` part of a record."""
+    return {
+        "name": scene.name,
+        "source": scene.source,
+        "triangles": len(scene),
+        "sha256": scene.sha256,
+        "views": scene.views_from,
+    }
+
+
+def _turn(tracer: str) -> int:
+    """Of the tracers of a group, the one of the lowest is who the grid is chosen for."""
+    return DEFERRED.index(tracer) if tracer in DEFERRED else len(DEFERRED)
+
+
+def describe_grid(grid: Grid, choice: Choice | None) -> dict:
+    """The `grid` part of a record, and why it was chosen, where it was."""
+    return {**grid.describe(), **(choice.describe() if choice else {})}
+
+
+def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
+    """The body of a record: everything but identity, time and machine."""
+    scene, rays, spec, tracer = group.shared.scene, group.rays, run.spec, run.tracer
+    return {
+        "scene": scene_facts(scene),
+        "view": None if rays.kind in ("random", "file") else spec.view or scene.views[0].name,
+        "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
+        "grid": describe_grid(group.setting.grid, group.choice) if tracer.needs_grid else None,
+        "tracer": tracer.name,
+        "intersector": run.tracer.intersector.name if run.tracer.intersector else None,
+        "options": run.options,
+        "samples": dataclasses.asdict(run.samples),
+        "rate": stats.rates(run.samples, len(rays), agreement.valid),
+        "counters": dataclasses.asdict(run.counters),
+        "agreement": agreement.to_record(),
+        "hits": int((run.hits.primitive >= 0).sum()),
+        "hits_sha256": hits_hash(run.hits),
+        "hierarchy_build_seconds": getattr(tracer, "build_seconds", None),
+        "valid": agreement.valid,
+    }

@@ -1,0 +1,1 @@
+"""Rows on disk: schemas, digests, files, machines."""

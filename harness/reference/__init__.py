@@ -1,0 +1,1 @@
+"""Who is right: Embree, exact arithmetic, and the check of hits."""

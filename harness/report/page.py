@@ -1,0 +1,224 @@
+"""One report of an output folder: figures as files, tables as CSV, and a page that needs nothing else.
+
+`write_report(folder)` reads `records.jsonl` and, where they exist, `accuracy.jsonl`, `precision.jsonl`,
+`coherence.jsonl`, `roofline.jsonl`, `stability.json`, `env.json`, `sweep.json`, `errors.jsonl` and `views/SCENE.png`.
+What a figure or table shows is decided in its own module. A folder that holds several machines gets one report with
+each of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from harness.analysis.results import Results, latest, read_published
+from harness.claims import claims_html, judge_all, write_claims
+from harness.errors import DefrayError, known
+from harness.records.accuracy_row import accuracy_file
+from harness.records.machines import by_machine, key_of, name_of, own_folder, title_of
+from harness.records.origin import latest_rows
+from harness.records.precision_row import precision_file
+from harness.records.record_file import RecordFile
+from harness.records.stability_row import read_results
+from harness.report.blocks import make_block
+from harness.report.figures import chart, figures, style
+from harness.report.printed import write_pdf
+from harness.report.provenance import index_of
+from harness.report.tables import tables
+from harness.report.text import (
+    METHODS,
+    failures,
+    machine_rows,
+    notices,
+    origin_rows,
+    provenance_rows,
+    redraw_command,
+    summary,
+)
+
+
+def write_report(folder: Path) -> Path:
+    """Draw everything that the folder's records allow; returns the path of `report.html`.
+
+    Raises DefrayError when there is no record, or one that this version cannot read.
+    """
+    folder = Path(folder)
+    machines = read_machines(folder)
+    for name, suffixes in (("figures", (*style.FORMATS, "json")), ("tables", ("csv", "json"))):
+        make_empty(folder / name, suffixes)
+    index = index_of(folder)
+    with style.style():
+        blocks = [make_block(machines, index, entry) for entry in contents()]
+    content = page_content(machines, blocks)
+    page = folder / "report.html"
+    page.write_text(render(content), encoding="utf-8")
+    write_pdf(content, folder / "report.pdf")
+    return page
+
+
+def redraw(folder: Path, wanted: str) -> list[Path]:
+    """Draw one figure or table again, by name, or a figure by number as `fig05`; returns its SVG or CSV files.
+
+    Raises DefrayError for a name that the report lacks, and where the records do not allow the figure.
+    """
+    folder = Path(folder)
+    machines = read_machines(folder)
+    entries = contents()
+    entry = next((one for one in entries if wanted in (one.name, one.label)), None)
+    if entry is None:
+        raise known("figure", wanted, [one.label or one.name for one in entries])
+    for name in ("figures", "tables"):
+        (folder / name).mkdir(exist_ok=True)
+    with style.style():
+        block = make_block(machines, index_of(folder), entry)
+    if not block["parts"]:
+        raise DefrayError(f"{entry.label or entry.name} cannot be drawn of {folder}: it needs {entry.module.NEEDS}")
+    kind, suffix = ("figures", "svg") if entry.number else ("tables", "csv")
+    return [folder / kind / f"{part['stem']}.{suffix}" for part in block["parts"]]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A figure or table in its place in the report; `number` counts the figures from 1, a table has none."""
+
+    name: str
+    module: ModuleType
+    number: int | None
+
+    @property
+    def label(self) -> str:
+        """`fig05`; empty for a table."""
+        return f"fig{self.number:02}" if self.number else ""
+
+
+def contents() -> list[Entry]:
+    """Every figure and table in the order of the report."""
+    modules = {**figures(), **tables()}
+    ordered = sorted(modules, key=lambda name: (modules[name].ORDER, name))
+    sections = list(dict.fromkeys(modules[name].SECTION for name in ordered))
+    ordered.sort(key=lambda name: sections.index(modules[name].SECTION))
+    drawn = [name for name in ordered if hasattr(modules[name], "draw")]
+    return [Entry(name, modules[name], drawn.index(name) + 1 if name in drawn else None) for name in ordered]
+
+
+def make_empty(folder: Path, suffixes) -> None:
+    """A folder without files of these suffixes, so that no figure of an earlier report is left in it."""
+    folder.mkdir(exist_ok=True)
+    for path in folder.iterdir():
+        if path.suffix[1:] in suffixes:
+            path.unlink()
+
+
+def read_runs(folder: Path) -> Results:
+    """The folder's records on the machine that most of them ran on, each run once."""
+    return read_machines(folder)[0]
+
+
+def read_machines(folder: Path) -> list[Results]:
+    """The folder's records machine by machine, each run once, the machine with most runs first.
+
+    Raises DefrayError when there is no record, or one that this version cannot read or that was edited.
+    """
+    records = RecordFile(folder / "records.jsonl").read()
+    if not records:
+        raise DefrayError(f"no records in {folder / 'records.jsonl'}; run a sweep with --out {folder} first")
+    accuracy, precision = (latest_rows(file(folder).read()) for file in (accuracy_file, precision_file))
+    apart = by_machine(latest(records))
+    several = len(apart) > 1
+    found = []
+    for key, rows in apart.items():
+        own = own_folder(folder, key)
+        device = next((row["machine"]["device"] for row in rows if row["machine"].get("device")), "")
+        tests, rates = read_stability(own, device)
+        here = [[row for row in kind if key_of(row["machine"]) == key] for kind in (accuracy, precision)]
+        found.append(
+            Results(
+                rows,
+                folder,
+                device,
+                read_published(),
+                *here,
+                tests,
+                rates,
+                machine=title_of(key) if several else "",
+                suffix=f"--{name_of(key)}" if several else "",
+                own=own,
+                key=key if several else None,
+            )
+        )
+    return found
+
+
+def read_stability(folder: Path, device: str) -> tuple[list[dict], list[dict]]:
+    """Rows and rates of the stress suite, of tests whose hits were right; both empty without a file of this device.
+
+    Raises DefrayError for a file that `defray stability` did not write.
+    """
+    found = read_results(folder)
+    if found is None or (found.machine.get("device") or "") != device:
+        return [], []
+    rates = [rate.model_dump() for rate in found.kernel_rates if rate.tests_per_second is not None]
+    return [row.model_dump() for row in found.rows], rates
+
+
+def page_content(machines: list[Results], blocks: list[dict]) -> dict:
+    """What the page and the printed form say."""
+    sections: dict[str, list[dict]] = {}
+    for block in blocks:
+        sections.setdefault(block["section"], []).append(block)
+    first, claims = machines[0], claims_of(machines)
+    return {
+        "paper": first.published["paper"],
+        "sections": sections,
+        "claims": claims,
+        "claims_html": verdicts(claims),
+        "summaries": [summary(runs) for runs in machines],
+        "failures": [failure for runs in machines for failure in failures(runs)],
+        "notices": list(dict.fromkeys(notice for runs in machines for notice in notices(runs))),
+        "machines": [
+            {
+                "title": runs.machine or runs.device or "no OpenCL device",
+                "facts": machine_rows(runs),
+                "provenance": provenance_rows(runs),
+            }
+            for runs in machines
+        ],
+        "methods": METHODS,
+        "origin_rows": origin_rows,
+        "redraw": redraw_command(first.folder),
+        "has_charts": any("chart" in part for block in blocks for part in block["parts"]),
+    }
+
+
+def claims_of(machines: list[Results]) -> list[dict]:
+    """The verdicts on the paper's claims, a machine at a time, and `claims.json`."""
+    found = []
+    for runs in machines:
+        judged = judge_all(runs)
+        write_claims(judged, runs, runs.folder / f"claims{runs.suffix}.json")
+        found.append({"machine": runs.machine, "judged": judged})
+    return found
+
+
+def verdicts(claims: list[dict]) -> Markup:
+    """The verdicts of all machines side by side, as part of the page; nothing where nothing judges them."""
+    if not claims:
+        return Markup()
+    return claims_html([(one["machine"], one["judged"]) for one in claims])
+
+
+def render(content: dict) -> str:
+    """The page as HTML."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    scripts = chart.scripts() if content["has_charts"] else {}
+    return environment.get_template("page.html.jinja").render(**content, scripts=scripts)

@@ -1,0 +1,50 @@
+"""Rates that others published: other hardware and rays, so a table of their own."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from harness.analysis.results import Results
+from harness.report.figures import SHARED
+
+ORDER = 65
+SECTION = "End to end"
+TITLE = "Published elsewhere: other hardware and rays"
+NEEDS = "nothing: these are others' numbers"
+MACHINES = SHARED
+FILES = ("harness/paper/published.toml",)
+
+
+def select(runs: Results) -> pd.DataFrame:
+    """One row a system, a column a scene of the paper."""
+    scenes = runs.published["scene"]
+    paper = {
+        "system": "the paper, traversal only",
+        "hardware": "its GPU, not named",
+        "rays": "diffuse",
+        **{scene["title"]: scene["traverse_mrays"] for scene in scenes},
+        "elsewhere": "",
+        "read_in": "figure 1, bottom",
+    }
+    rows = [paper]
+    for other in runs.published.get("other", []):
+        rates = {scene["title"]: other["rates"].get(scene["name"]) for scene in scenes}
+        rows.append(
+            {
+                "system": other["system"],
+                "hardware": other["hardware"],
+                "rays": other["rays"],
+                **rates,
+                "elsewhere": other.get("text", ""),
+                "read_in": other["place"],
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def caption(runs: Results, numbers: pd.DataFrame) -> str:
+    """Why there is no ratio here."""
+    return (
+        "Million rays a second as published, on other hardware, with other rays and sometimes other "
+        "versions of the scenes: for orientation, not for division."
+    )

@@ -1,0 +1,1 @@
+"""What a run is, as text and data, before anything is loaded."""

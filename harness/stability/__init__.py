@@ -1,1 +1,0 @@
-"""Stress tests of intersectors, of the grid and of ray offsets: where methods fail, and by how much."""

@@ -1,0 +1,1 @@
+"""One question each: how its rows are measured."""

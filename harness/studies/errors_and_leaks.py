@@ -1,0 +1,242 @@
+"""The accuracy of whole tracers on a scene, against their rate: rows of `accuracy.jsonl`.
+
+Every variant traces the same diffuse rays, which are timed and compared with the reference, and the same rays aimed
+at edges and vertices, of which it must let none through.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from harness import stats, tracers
+from harness.data import Hits, Rays
+from harness.device.stopwatch import Stopwatch
+from harness.errors import DefrayError, known
+from harness.inputs.aimed_rays import AimedRays, aimed_rays, leaked
+from harness.measure.group import scene_facts
+from harness.measure.scene import SharedScene
+from harness.records.accuracy_row import SCHEMA
+from harness.records.origin import identity
+from harness.reference.check import Agreement
+from harness.reference.errors_of_t import diagonal_of, distance_rmse, residual_p99
+from harness.spec import intersectors
+from harness.spec.run_spec import RunSpec, Variant
+from harness.spec.structure import GridSpec
+from harness.structures import build_grid
+from harness.structures.base import OVERLAPS
+from harness.tracers import check_variant, needs_grid
+from harness.tracers.base import Tracer
+from harness.tracers.forward import EXITS
+
+PAPER_GRID = GridSpec(8, 128, "total")
+SEED = 1  # of both sets of rays
+AIMED_BLOCK = 1 << 16  # aimed rays traced before the leaks are counted
+ENOUGH_LEAKS = 1000  # a variant that has let so many through is given no more: its rate is known to 6 %
+Tell = Callable[[str, float], None]  # what is being done, and how much of the scene is
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A variant of a tracer and how the grid it walks was filled (None without a grid)."""
+
+    variant: Variant
+    binning: str | None
+
+    @classmethod
+    def parse(cls, text: str) -> Contender:
+        """Read `deferred:ray-space:contraction=on:binning=open`; raises DefrayError for what is not known."""
+        variant = Variant.parse(text)
+        options = dict(variant.options)
+        binning = options.pop("binning", None)
+        if options.get("contraction") == "off":
+            del options["contraction"]
+        variant = check_variant(variant.model_copy(update={"options": options}))
+        if binning and not needs_grid(variant):
+            raise DefrayError(f"tracer '{variant.tracer}' uses no grid; leave binning={binning} out")
+        if binning and binning not in OVERLAPS:
+            raise known("binning", binning, OVERLAPS)
+        return cls(variant, (binning or OVERLAPS[0]) if needs_grid(variant) else None)
+
+    def __str__(self) -> str:
+        named = {"binning": self.binning} if self.binning not in (None, OVERLAPS[0]) else {}
+        return str(self.variant.model_copy(update={"options": self.variant.options | named}))
+
+    @property
+    def contraction(self) -> str | None:
+        """`off` or `on`; None for a tracer that the compiler's choice does not reach."""
+        device = tracers.find(self.variant.tracer).needs_device
+        return self.variant.options.get("contraction", "off") if device else None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is measured on each scene: how many diffuse and aimed rays, how often, on which grid."""
+
+    rays: int = 100_000
+    aimed: int = 1_000_000
+    repetitions: int = 5
+    grid: GridSpec = PAPER_GRID
+
+    def id_of(self, scene: str, contender: Contender | str) -> str:
+        """The id of the row that measures `contender` on the scene or mesh file `scene` by this plan."""
+        return identity(scene=scene, variant=str(contender), plan=dataclasses.asdict(self), seed=SEED)
+
+
+def default_contenders(device) -> list[Contender]:
+    """Every intersector in the deferred tracer, contraction off and on; the default one with every other binning, and
+    forward with every binning and exit rule; Embree robust and fast."""
+    usable = [i.name for i in intersectors.INTERSECTORS.values() if device.has_double or not i.needs_double]
+    texts = [f"deferred:{name}{contraction}" for name in usable for contraction in ("", ":contraction=on")]
+    texts += [f"deferred:binning={binning}" for binning in OVERLAPS[1:]]
+    texts += [f"forward:binning={binning}:exit={rule}" for binning in OVERLAPS for rule in EXITS]
+    texts += ["embree", "embree:robust=false"]
+    return [Contender.parse(text) for text in texts]
+
+
+@dataclass(eq=False)
+class _Entry:
+    """One contender and what it has yielded so far."""
+
+    contender: Contender
+    tracer: Tracer
+    seconds: list[float] = field(default_factory=list)
+    hits: Hits | None = None
+    aimed: dict = field(default_factory=dict)
+    agreement: Agreement | None = None
+
+
+class AccuracyGroup:
+    """A scene with its rays, its grids and the contenders that trace it."""
+
+    def __init__(self, shared: SharedScene, contenders: Sequence[Contender], plan: Plan, device, tell: Tell):
+        self.shared, self.plan, self.device, self.tell = shared, plan, device, tell
+        tell("diffuse rays", 0.0)
+        spec = RunSpec(scene=shared.scene.name, variant=contenders[0].variant, rays=plan.rays, seed=SEED)
+        self.rays = shared.rays(spec)
+        self.checker = shared.checker(spec, self.rays)
+        self.checker.reference  # noqa: B018  traced now, so that its hierarchy is freed before others are built
+        tell("aimed rays", 0.02)
+        self.aimed = aimed_rays(shared.scene, plan.aimed, SEED, shared.embree)
+        tell("grids", 0.1)
+        self._settings = {None: shared.setting}
+        for binning in {contender.binning: None for contender in contenders if contender.binning}:
+            grid = build_grid(shared.setting.device_scene, plan.grid, binning=binning)
+            self._settings[binning] = dataclasses.replace(shared.setting, grid=grid)
+        self.entries = [_Entry(contender, self._open(contender)) for contender in contenders]
+
+    def _open(self, contender: Contender) -> Tracer:
+        kind = tracers.find(contender.variant.tracer)
+        test = intersectors.find(contender.variant.intersector) if kind.needs_intersector else None
+        return kind(self._settings[contender.binning], test, contender.variant.options)
+
+    def trace(self, entry: _Entry, rays: Rays) -> tuple[Hits, float]:
+        """Hits and seconds of one repetition."""
+        watch = Stopwatch(self.device.queue if entry.tracer.needs_device else None)
+        hits = entry.tracer.trace(rays, watch)
+        return hits, watch.seconds["total"]
+
+    def warm_up(self) -> None:
+        """Compile and run every kernel."""
+        for place, entry in enumerate(self.entries):
+            self.tell(f"{entry.contender}, warm-up", 0.15 + 0.2 * place / len(self.entries))
+            self.trace(entry, self.rays)
+
+    def time(self) -> None:
+        """Trace the diffuse rays, repetition after repetition, the contenders of each in random order."""
+        generator, turns = random.Random(SEED), self.plan.repetitions
+        for turn in range(turns):
+            order = list(self.entries)
+            generator.shuffle(order)
+            for place, entry in enumerate(order):
+                done = 0.35 + 0.35 * (turn + place / len(order)) / turns
+                self.tell(f"{entry.contender}, repetition {turn + 1} of {turns}", done)
+                entry.hits, seconds = self.trace(entry, self.rays)
+                entry.seconds.append(seconds)
+
+    def judge(self, entry: _Entry, done: float) -> None:
+        """Count the aimed rays that a contender lets through, and compare its diffuse hits with the reference."""
+        self.tell(f"{entry.contender}, aimed rays", done)
+        entry.aimed = self.leaks_of(entry, self.aimed)
+        self.tell(f"{entry.contender}, check", done)
+        entry.agreement = self.checker.check(entry.hits)
+
+    def leaks_of(self, entry: _Entry, aimed: AimedRays) -> dict:
+        """The `aimed` part of a row."""
+        let_through = np.zeros(0, bool)
+        while len(let_through) < len(aimed) and let_through.sum() < ENOUGH_LEAKS:
+            block = aimed[len(let_through) : len(let_through) + AIMED_BLOCK]
+            hits, _ = self.trace(entry, block.rays)
+            let_through = np.append(let_through, leaked(hits))
+        at_vertex = aimed.at_vertex[: len(let_through)]
+        return {
+            "rays": len(let_through),
+            "leaks": int(let_through.sum()),
+            "at_vertices": int(at_vertex.sum()),
+            "vertex_leaks": int((let_through & at_vertex).sum()),
+            "seed": SEED,
+        }
+
+    def rows(self) -> Iterator[dict]:
+        """The row of each contender as soon as it is judged, without id, command, time and machine."""
+        scene = self.shared.scene
+        reference, diagonal = self.checker.reference_t(), diagonal_of(scene.triangles)
+        for place, entry in enumerate(self.entries):
+            self.judge(entry, 0.7 + 0.3 * place / len(self.entries))
+            contender, variant, count = entry.contender, entry.contender.variant, len(self.rays)
+            yield {
+                "schema": SCHEMA,
+                "scene": scene_facts(scene),
+                "variant": str(contender),
+                "tracer": variant.tracer,
+                "intersector": variant.intersector,
+                "contraction": contender.contraction,
+                "options": variant.options,
+                "grid": dataclasses.asdict(self.plan.grid) if contender.binning else None,
+                "binning": contender.binning,
+                "rays": {"kind": self.rays.kind, "count": count, "seed": SEED},
+                "repetitions": self.plan.repetitions,
+                "seconds": entry.seconds,
+                "rate": stats.interval(stats.rates_of(entry.seconds, count)).as_dict(),
+                "aimed": entry.aimed,
+                "t_error": entry.agreement.t_relative_error,
+                "residual_p99_ulp": residual_p99(scene.triangles, self.rays, entry.hits),
+                "distance_rmse": distance_rmse(self.rays, entry.hits.t, reference, diagonal),
+                "agreement": entry.agreement.to_record(),
+                "valid": entry.agreement.valid,
+            }
+
+
+def measure_accuracy(
+    shared: SharedScene, contenders: Sequence[Contender], plan: Plan, device, tell: Tell = lambda *_: None
+) -> Iterator[dict]:
+    """Rate and errors of every contender on one scene, one row each, still without id, command, time and machine.
+
+    All are timed before the first row comes; a row comes as soon as its own errors are known. Raises DefrayError for
+    a contender that the device cannot run, a grid that does not fit, or a scene without anything to aim at.
+    """
+    group = AccuracyGroup(shared, contenders, plan, device, tell)
+    group.warm_up()
+    group.time()
+    yield from group.rows()
+
+
+def parse_contenders(text: str) -> list[Contender]:
+    """The variants of `A,B,...`, each once; raises DefrayError where there is none, or one that is not known."""
+    found = {str(one): one for one in (Contender.parse(part.strip()) for part in text.split(",") if part.strip())}
+    if not found:
+        raise DefrayError(f"'{text}' names no variant; write one, as in deferred:ray-space, or leave --variants out")
+    return list(found.values())
+
+
+def describe(row: dict) -> str:
+    """One row as one line."""
+    aimed, error = row["aimed"], row["t_error"]["p99"]
+    rate = f"{row['rate']['median'] / 1e6:.3g} Mrays/s"
+    leaks = f"{aimed['leaks']:,} of {aimed['rays']:,} aimed rays leak"
+    t_error = "" if error is None else f", t error p99 {error:.1e}"
+    return f"{row['scene']['name']} {row['variant']} … {rate}, {leaks}{t_error}"

@@ -1,0 +1,204 @@
+"""When less is enough: what resolution, precision and rays a pixel cost in speed and bring in accuracy."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from harness import stats, tracers
+from harness.data import Hits, Rays, Scene
+from harness.device.stopwatch import Stopwatch
+from harness.inputs.rays import bounce, find_view, image_rays, primary_rays
+from harness.measure.group import scene_facts
+from harness.measure.scene import SharedScene
+from harness.records.accuracy_row import SCHEMA
+from harness.reference.check import Agreement, Checker
+from harness.reference.errors_of_t import diagonal_of, distance_rmse
+from harness.reference.exact import zero_area
+from harness.spec import intersectors
+from harness.spec.run_spec import Variant
+from harness.spec.structure import GridSpec
+from harness.structures import build_grid
+from harness.studies.errors_and_leaks import Tell
+from harness.tracers import check_variant
+from harness.tracers.base import Tracer
+from harness.tracers.prepared import Prepared
+
+RESOLUTIONS = (32, 64, 128, 256)  # leaf cells an axis; the first level has 8
+USUAL = 128
+DOUBLE = "woop-benthin-wald-double"
+SAMPLES = (1, 4, 16, 64)  # occlusion rays a pixel
+MANY = 256  # of the image that the others are compared with
+IMAGE = (120, 90)  # pixels
+TOGETHER = 32  # turns of occlusion rays traced at once
+SEED = 1
+
+
+def half_precision(triangles: np.ndarray) -> np.ndarray:
+    """float32[n,3,3] rounded to half precision in the scene's box, whose lower corner is 0 and longest side 1."""
+    corners = triangles.reshape(-1, 3)
+    lower = corners.min(axis=0).astype(np.float64)
+    extent = max(float((corners.max(axis=0) - lower).max()), np.finfo(np.float32).tiny)
+    rounded = ((triangles - lower) / extent).astype(np.float16)
+    return (rounded.astype(np.float64) * extent + lower).astype(np.float32)
+
+
+@dataclass(eq=False)
+class _Entry:
+    """One value of a knob, and what it has yielded."""
+
+    knob: str
+    value: str
+    variant: str
+    tracer: Tracer
+    seconds: list[float] = field(default_factory=list)
+    hits: Hits | None = None
+
+
+def measure_precision(
+    shared: SharedScene, rays: int, repetitions: int, device, tell: Tell = lambda *_: None
+) -> Iterator[dict]:
+    """Rows of `precision.jsonl` for one scene, without id, command, time and machine.
+
+    Resolution and precision are measured with `rays` primary rays, all of them timed and compared with the exact t;
+    rays a pixel with small images. Raises DefrayError for a grid that does not fit.
+    """
+    study = _Study(shared, device)
+    entries = study.entries()
+    primary = primary_rays(find_view(shared.scene, None), rays, SEED)
+    for place, entry in enumerate(entries):
+        tell(f"{entry.knob} {entry.value}, warm-up", 0.2 * place / len(entries))
+        study.trace(entry, primary)
+    generator = random.Random(SEED)
+    for turn in range(repetitions):
+        generator.shuffle(entries)
+        for entry in entries:
+            tell(f"{entry.knob} {entry.value}, repetition {turn + 1}", 0.2 + 0.3 * turn / repetitions)
+            entry.hits, seconds = study.trace(entry, primary)
+            entry.seconds.append(seconds)
+    tell("ambient occlusion", 0.5)
+    image_error, samples = study.images(tell)
+    checker = Checker(shared.scene.triangles, primary, active=shared.active)
+    agreements = {id(entry): checker.check(entry.hits) for entry in entries}
+    reference, diagonal = checker.reference_t(), diagonal_of(shared.scene.triangles)
+    for entry in sorted(entries, key=lambda entry: (entry.knob, entry.value)):
+        found = agreements[id(entry)]
+        yield study.row(entry.knob, entry.value, entry.variant, rays, entry.seconds) | {
+            "error": distance_rmse(primary, entry.hits.t, reference, diagonal),
+            "image_error": image_error if entry.value == "half" else None,
+            "differing": differing(found),
+        }
+    yield from samples
+
+
+class _Study:
+    """A scene in single and in half precision, with the tracers that walk it."""
+
+    def __init__(self, shared: SharedScene, device):
+        self.scene, self.device, self.active = shared.scene, device, shared.active
+        self.full = shared.setting
+        rough = half_precision(shared.scene.triangles)
+        active = ~zero_area(rough)
+        self.half = Prepared.on_device(replace(shared.scene, triangles=rough), device, active)
+        self.variant = check_variant(Variant(tracer="deferred"))
+
+    def tracer(self, setting: Prepared, leaf: int = USUAL, intersector: str | None = None) -> Tracer:
+        """The default tracer on a grid of `leaf` cells an axis."""
+        setting = replace(setting, grid=build_grid(setting.device_scene, GridSpec(8, leaf)))
+        return tracers.find("deferred")(setting, intersectors.find(intersector or self.variant.intersector), {})
+
+    def entries(self) -> list[_Entry]:
+        """Every value of the knobs `grid` and `precision`."""
+        name = str(self.variant)
+        found = [_Entry("grid", f"8/{leaf}", name, self.tracer(self.full, leaf)) for leaf in RESOLUTIONS]
+        found += [
+            _Entry("precision", "half", name, self.tracer(self.half)),
+            _Entry("precision", "float", name, self.tracer(self.full)),
+        ]
+        if DOUBLE in intersectors.INTERSECTORS and self.device.has_double:
+            found.append(_Entry("precision", "double", f"deferred:{DOUBLE}", self.tracer(self.full, USUAL, DOUBLE)))
+        self.of_full, self.of_half = found[len(RESOLUTIONS) + 1].tracer, found[len(RESOLUTIONS)].tracer
+        return found
+
+    def trace(self, entry: _Entry, rays: Rays) -> tuple[Hits, float]:
+        """Hits and seconds of one repetition."""
+        return self._timed(entry.tracer, rays)
+
+    def _timed(self, tracer: Tracer, rays: Rays) -> tuple[Hits, float]:
+        watch = Stopwatch(self.device.queue)
+        hits = tracer.trace(rays, watch)
+        return hits, watch.seconds["total"]
+
+    def row(self, knob: str, value: str, variant: str, rays: int, seconds: list[float]) -> dict:
+        """What every row has."""
+        return {
+            "schema": SCHEMA,
+            "scene": scene_facts(self.scene),
+            "knob": knob,
+            "value": value,
+            "variant": variant,
+            "rays": rays,
+            "seconds": seconds,
+            "rate": stats.interval(stats.rates_of(seconds, rays)).as_dict(),
+        }
+
+    def images(self, tell: Tell) -> tuple[float, list[dict]]:
+        """Error of the image that half precision makes, and the rows of `samples`.
+
+        Half precision is compared with single at the same directions, so that noise does not count; few rays a
+        pixel are compared with many others.
+        """
+        rays = image_rays(find_view(self.scene, None), *IMAGE)
+        full, half = (
+            tracer.trace(rays, Stopwatch(self.device.queue)).primitive for tracer in (self.of_full, self.of_half)
+        )
+        seen = (full >= 0) & (half >= 0)
+        rays, full, half = rays[seen], full[seen], half[seen]
+        many, *_ = self._open_share(self.of_full, rays, full, range(MANY))
+        tell("ambient occlusion in half precision", 0.65)
+        rough, *_ = self._open_share(self.of_half, rays, half, range(MANY))
+        rows = []
+        for count in SAMPLES:
+            tell(f"ambient occlusion, {count} rays a pixel", 0.8)
+            few, seconds, differ = self._open_share(self.of_full, rays, full, range(MANY, MANY + count), check=True)
+            row = self.row("samples", str(count), str(self.variant), count * len(rays), [seconds])
+            rows.append(row | {"error": rmse(few, many), "differing": differ})
+        return rmse(rough, many), rows
+
+    def _open_share(
+        self, tracer: Tracer, primary: Rays, primitive, turns: range, check: bool = False
+    ) -> tuple[np.ndarray, float, int]:
+        """float64[n]: share of occlusion rays that reach nothing; the seconds they took; checked hits that differ."""
+        free, cast, seconds, differ = np.zeros(len(primary)), np.zeros(len(primary)), 0.0, 0
+        for first in range(0, len(turns), TOGETHER):
+            scene: Scene = tracer.setting.scene
+            parts = [
+                bounce(scene, primary, primitive, "ambient-occlusion", SEED, turn)
+                for turn in turns[first : first + TOGETHER]
+            ]
+            columns = (
+                np.concatenate([getattr(rays, name) for rays, _ in parts])
+                for name in ("origins", "directions", "t_max")
+            )
+            pixels = np.concatenate([whose for _, whose in parts])
+            rays = Rays(*columns, "ambient-occlusion", SEED)
+            hits, time = self._timed(tracer, rays)
+            if check:
+                differ += differing(Checker(scene.triangles, rays, active=self.active).check(hits))
+            free += np.bincount(pixels[hits.primitive < 0], minlength=len(primary))
+            cast += np.bincount(pixels, minlength=len(primary))
+            seconds += time
+        return np.divide(free, cast, out=np.ones_like(free), where=cast > 0), seconds, differ
+
+
+def differing(found: Agreement) -> int:
+    """Rays whose hit is neither the exact one nor as near, but for rounding of t."""
+    return found.rays - found.same - found.tie - found.t_off
+
+
+def rmse(image: np.ndarray, other: np.ndarray) -> float:
+    """Root mean square difference of two images float64[n]."""
+    return float(np.sqrt(np.mean((image - other) ** 2)))

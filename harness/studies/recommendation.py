@@ -1,0 +1,281 @@
+"""Which variant to use on a scene: the fastest whose leaks and error of t are shown to stay below given limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from harness import tracers
+from harness.data import Scene
+from harness.device.machine import machine_description
+from harness.device.opened import Device, open_device
+from harness.device.stopwatch import Stopwatch
+from harness.errors import DefrayError
+from harness.inputs.aimed_rays import AimedRays, aimed_rays, leaked
+from harness.measure.scene import SharedScene, shared_scene
+from harness.records.accuracy_row import accuracy_file
+from harness.records.origin import latest_rows, source_of
+from harness.spec import intersectors
+from harness.spec.structure import GridSpec
+from harness.stats import rate_bound
+from harness.structures import build_grid
+from harness.studies.errors_and_leaks import AIMED_BLOCK, SEED, Contender, Plan, default_contenders, measure_accuracy
+
+FOLDERS = ("results/out", "results/reference/*")  # where rows are looked for
+PLAN = Plan(rays=32_000, aimed=50_000, repetitions=3)  # of a scene that no folder has
+MOST_RAYS = 100_000_000  # aimed rays traced to show one variant's limit: hours
+PIECE = 1_000_000  # aimed rays made at once
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest leak rate of aimed rays, at 95 % confidence, and largest relative error of t, 99th percentile."""
+
+    leaks: float = 1e-6
+    t_error: float | None = None
+
+    def __post_init__(self):
+        if not 0 < self.leaks <= 1:
+            raise DefrayError(f"the largest leak rate must be above 0 and at most 1, not {self.leaks:g}")
+        if self.t_error is not None and not self.t_error > 0:
+            raise DefrayError(f"the largest error of t must be above 0, not {self.t_error:g}")
+
+    def t_error_met(self, row: dict) -> bool:
+        """Whether the error of t is small enough."""
+        found = row["t_error"]["p99"]
+        return self.t_error is None or (found is not None and found <= self.t_error)
+
+    def leaks_met(self, row: dict) -> bool:
+        """Whether the leak rate is shown to be small enough."""
+        return bound_of(row) <= self.leaks
+
+    def undecided(self, row: dict) -> bool:
+        """Whether more aimed rays could show what these few do not: none has leaked."""
+        return row["aimed"]["leaks"] == 0 and not self.leaks_met(row)
+
+    @property
+    def rays_needed(self) -> int:
+        """Aimed rays without a leak that show the limit."""
+        return math.ceil(3 / self.leaks)
+
+
+@dataclass
+class Advice:
+    """`choice` and `following`: rows of the fastest variant that meets the limits and of the next; None without one.
+
+    `refused`: faster variants and why not; `meeting`: how many were found to meet the limits; `notes`: what was
+    measured for this advice.
+    """
+
+    scene: str
+    limits: Limits
+    choice: dict | None = None
+    following: dict | None = None
+    refused: list[tuple[dict, str]] = field(default_factory=list)
+    meeting: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+def bound_of(row: dict) -> float:
+    """Upper 95 % bound of a row's leak rate."""
+    return rate_bound(row["aimed"]["leaks"], row["aimed"]["rays"])
+
+
+def find_rows(scene: Scene, device, folder: Path | None) -> list[dict]:
+    """One row a variant of this very scene on this device: from `folder`, else from the first of FOLDERS with any.
+
+    They are those of the most diffuse rays, and of a variant that has several the one with the most aimed rays, of
+    these the latest.
+    """
+    folders = [folder] if folder else [path for pattern in FOLDERS for path in sorted(Path().glob(pattern))]
+    machine = machine_description(device)
+    for one in folders:
+        rows = latest_rows(
+            [
+                row
+                for row in accuracy_file(one).read()
+                if source_of(row["scene"]) == (scene.source, scene.sha256)
+                and measured_here(row, machine, device.is_cpu)
+            ]
+        )
+        if rows:
+            most = max(row["rays"]["count"] for row in rows)
+            rows = sorted((row for row in rows if row["rays"]["count"] == most), key=lambda row: row["aimed"]["rays"])
+            return list({row["variant"]: row for row in rows}.values())
+    return []
+
+
+def measured_here(row: dict, machine: dict, on_cpu: bool) -> bool:
+    """Whether a row's rate is one of this machine: of its device, and of its processor where that does the work."""
+    keys = [] if row["tracer"] == "embree" else ["platform", "device"]
+    keys += ["cpu", "cores"] if on_cpu or row["tracer"] == "embree" else []
+    return all(row["machine"].get(key) == machine[key] for key in keys)
+
+
+def advise(scene: str, rows: Sequence[dict], limits: Limits, deepen: Callable[[dict], dict]) -> Advice:
+    """The fastest of `rows` that meets the limits, and the next.
+
+    `deepen(row)` gives the row with enough aimed rays to show the limit; it is asked, fastest first, only of rows
+    that have leaked none and are too few.
+    """
+    advice = Advice(scene, limits)
+    for row in sorted(rows, key=lambda row: -row["rate"]["median"]):
+        if not limits.t_error_met(row):
+            why = f"t error p99 {row['t_error']['p99'] or math.nan:.1e} exceeds {limits.t_error:g}"
+        else:
+            if advice.choice is None and limits.undecided(row):
+                row = deepen(row)
+            aimed = row["aimed"]
+            why = f"{aimed['leaks']:,} of {aimed['rays']:,} aimed rays leak"
+            if limits.leaks_met(row):
+                advice.meeting += 1
+                if advice.choice is None:
+                    advice.choice = row
+                elif advice.following is None:
+                    advice.following = row
+                continue
+            if limits.undecided(row) and advice.choice and advice.following is None:
+                advice.following = row
+        if advice.choice is None:
+            advice.refused.append((row, why))
+    return advice
+
+
+def recommend(scene: str, limits: Limits, folder: Path | None, device_part: str | None, say: Say) -> Advice:
+    """Advice from rows on file of this very scene and device; measures what they do not show, saying so.
+
+    Raises DefrayError for a limit that would take too many rays to show, for a device or a scene that is not there,
+    and for whatever cannot be measured.
+    """
+    if limits.rays_needed > MOST_RAYS:
+        raise DefrayError(
+            f"a leak rate of {limits.leaks:g} takes {limits.rays_needed:,} aimed rays to show; "
+            f"at most {MOST_RAYS:,} are traced, which show {3 / MOST_RAYS:g}"
+        )
+    notes: list[str] = []
+
+    def note(text: str) -> None:
+        notes.append(text)
+        say(text)
+
+    device = open_device(device_part)
+    deeper = Deeper(scene, limits, device, note)
+    rows = find_rows(deeper.shared.scene, device, folder)
+    if not rows:
+        note(
+            f"no rows of {deeper.shared.scene.title} on {device.name} on file: measuring every variant with "
+            f"{PLAN.rays:,} diffuse rays"
+        )
+        contenders = default_contenders(device)
+        rows = list(measure_accuracy(deeper.shared, contenders, PLAN, device, lambda what, _: say(what)))
+    advice = advise(scene, rows, limits, deeper)
+    advice.notes = notes
+    return advice
+
+
+class Deeper:
+    """Traces as many aimed rays through a variant as its limit takes, on this machine."""
+
+    def __init__(self, scene: str, limits: Limits, device: Device, note: Say):
+        self.scene, self.limits, self.device, self._note = scene, limits, device, note
+        self._pieces: list[AimedRays] = []
+        self._settings: dict = {}
+
+    @property
+    def shared(self) -> SharedScene:
+        """The scene, loaded at first use."""
+        return shared_scene(self.scene, self.device)
+
+    def __call__(self, row: dict) -> dict:
+        """The row with the counts of so many aimed rays, fewer where one leaks."""
+        self._note(f"{row['variant']}: tracing {self.limits.rays_needed:,} aimed rays to show its leak rate")
+        tracer, counts = self._open(row), np.zeros(4, np.int64)
+        while counts[0] < self.limits.rays_needed and not counts[1]:
+            counts += self._count(tracer, self._piece(int(counts[0]) // PIECE), self.limits.rays_needed - counts[0])
+        named = dict(zip(("rays", "leaks", "at_vertices", "vertex_leaks"), map(int, counts), strict=True))
+        return row | {"aimed": named | {"seed": SEED}}
+
+    def _piece(self, place: int) -> AimedRays:
+        """One million aimed rays, the same for every variant."""
+        while len(self._pieces) <= place:
+            seed = SEED + 1 + len(self._pieces)
+            self._pieces.append(
+                aimed_rays(self.shared.scene, min(PIECE, self.limits.rays_needed), seed, self.shared.embree)
+            )
+        return self._pieces[place]
+
+    def _count(self, tracer, piece: AimedRays, wanted: int) -> np.ndarray:
+        """int64[4]: rays, leaks, rays at vertices and leaks of those, up to the first block that leaks."""
+        counts = np.zeros(4, np.int64)
+        for first in range(0, min(len(piece), wanted), AIMED_BLOCK):
+            block = piece[first : min(first + AIMED_BLOCK, wanted)]
+            watch = Stopwatch(self.device.queue if tracer.needs_device else None)
+            through = leaked(tracer.trace(block.rays, watch))
+            counts += [len(block), through.sum(), block.at_vertex.sum(), (through & block.at_vertex).sum()]
+            if through.any():
+                break
+        return counts
+
+    def _open(self, row: dict):
+        contender = Contender.parse(row["variant"])
+        kind = tracers.find(contender.variant.tracer)
+        test = intersectors.find(contender.variant.intersector) if kind.needs_intersector else None
+        return kind(self._setting(row, contender.binning), test, contender.variant.options)
+
+    def _setting(self, row: dict, binning: str | None):
+        if binning is None:
+            return self.shared.setting
+        spec = GridSpec(**row["grid"])
+        if (spec, binning) not in self._settings:
+            grid = build_grid(self.shared.setting.device_scene, spec, binning=binning)
+            self._settings[spec, binning] = replace(self.shared.setting, grid=grid)
+        return self._settings[spec, binning]
+
+
+def lines_of(advice: Advice) -> list[str]:
+    """The advice in a few lines; one line where nothing meets the limits."""
+    limits, row = advice.limits, advice.choice
+    asked = f"leaks below {limits.leaks:g}"
+    asked += "" if limits.t_error is None else f" and t error p99 at most {limits.t_error:g}"
+    if row is None:
+        return [f"no variant measured on {advice.scene} is shown to have {asked}"]
+    rate, aimed = row["rate"], row["aimed"]
+    machine = (row.get("machine") or {}).get("device")
+    lines = [
+        f"{advice.scene}: {row['variant']}",
+        f"  {megarays(row)} Mrays/s [{rate['low'] / 1e6:.3g}, {rate['high'] / 1e6:.3g}] with "
+        f"{row['rays']['count']:,} diffuse rays" + (f" on {machine}" if machine else ""),
+        f"  {aimed['leaks']:,} of {aimed['rays']:,} aimed rays leak: below {bound_of(row):.1e} at 95 % confidence; "
+        f"t error p99 {row['t_error']['p99'] or math.nan:.1e}",
+        f"  the fastest of {advice.meeting} that are shown to have {asked}",
+    ]
+    if advice.following:
+        other = advice.following
+        shown = "" if limits.leaks_met(other) else f", shown with {other['aimed']['rays']:,} aimed rays only"
+        lines.append(f"  next: {other['variant']}, {megarays(other)} Mrays/s{shown}")
+    lines += [
+        f"  faster, but: {other['variant']}, {megarays(other)} Mrays/s: {why}" for other, why in advice.refused[:5]
+    ]
+    return lines + ([f"  and {len(advice.refused) - 5} more"] if len(advice.refused) > 5 else [])
+
+
+def megarays(row: dict) -> str:
+    """Millions of rays a second, three digits."""
+    return f"{row['rate']['median'] / 1e6:.3g}"
+
+
+def as_json(advice: Advice) -> dict:
+    """The advice as plain JSON types."""
+    return {
+        "scene": advice.scene,
+        "limits": {"leaks": advice.limits.leaks, "t_error": advice.limits.t_error},
+        "choice": advice.choice,
+        "next": advice.following,
+        "refused": [{"variant": row["variant"], "rate": row["rate"], "why": why} for row, why in advice.refused],
+        "notes": advice.notes,
+    }

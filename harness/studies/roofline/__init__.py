@@ -1,0 +1,1 @@
+"""How near kernels come to what the device can do."""

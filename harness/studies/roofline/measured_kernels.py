@@ -1,0 +1,149 @@
+"""Where the time of a tracer goes: every kernel's time, flops and bytes, and in the same repetitions the device's
+ceilings. Rows of `roofline.jsonl`."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+from collections.abc import Callable, Iterator, Sequence
+
+from harness import stats
+from harness.data import differing
+from harness.device.stopwatch import OUTSIDE, KernelWatch
+from harness.errors import DefrayError
+from harness.measure.group import Group, Run, scene_facts
+from harness.measure.interleave import warm_up
+from harness.records.origin import identity
+from harness.records.roofline_row import SCHEMA
+from harness.reference.check import Agreement
+from harness.spec.run_spec import RunSpec
+from harness.studies.roofline.ceilings import UNITS, Ceilings
+from harness.studies.roofline.kernel_work import Facts, KernelWork, rest_name, walked_rays, work_of
+
+
+def measure_roofline(
+    specs: Sequence[RunSpec], device, tell: Callable[[str], None] = lambda _: None
+) -> Iterator[dict]:
+    """A row for each spec of one scene, still without command, time and machine; ceilings take turns with the runs.
+
+    Raises DefrayError for a tracer that does not run on the device, and what a group of runs raises.
+    """
+    group = Group(specs, device, lambda step: tell(step.stage))
+    runs = [group.open_run(spec) for spec in specs]
+    strange = [str(run.spec.variant) for run in runs if not run.tracer.needs_device]
+    if strange:
+        raise DefrayError(f"{strange[0]} has no kernels on a device; leave it out")
+    for run in runs:
+        warm_up(group, run)
+    ceilings = Ceilings(device)
+    samples, watches = _repeat(group, runs, ceilings, tell)
+    for run in runs:
+        agreement = group.check(run, runs)
+        yield _row(group, run, agreement, watches[run.spec.id], _ceiling_rows(ceilings, samples))
+
+
+def _repeat(group: Group, runs: Sequence[Run], ceilings: Ceilings, tell) -> tuple[list[dict], dict[str, list]]:
+    """Samples of the ceilings and the watches of each run, by its id, repetition by repetition."""
+    generator, samples = random.Random(group.seed), []
+    watches: dict[str, list[KernelWatch]] = {run.spec.id: [] for run in runs}
+    for turn in range(runs[0].spec.repetitions):
+        tell(f"repetition {turn + 1} of {runs[0].spec.repetitions}")
+        for run in generator.sample(list(runs), len(runs)):
+            samples.append(ceilings.measure())
+            watch = KernelWatch(group.device.queue)
+            hits = run.tracer.trace(group.rays, watch)
+            watches[run.spec.id].append(watch)
+            if run.hits is not None:
+                run.unstable = max(run.unstable, differing(hits, run.hits))
+            run.hits = hits
+    return samples, watches
+
+
+def _ceiling_rows(ceilings: Ceilings, samples: Sequence[dict]) -> dict:
+    sizes = ceilings.sizes
+    rows = {
+        name: {
+            "unit": unit,
+            "samples": [s[name] for s in samples],
+            "rate": stats.interval([s[name] for s in samples]).as_dict(),
+        }
+        for name, unit in UNITS.items()
+    }
+    return {**rows, "lanes": sizes.lanes, "memory_bytes": sizes.memory, "cache_bytes": sizes.cache}
+
+
+def facts_of(group: Group, run: Run) -> Facts:
+    """Exact counts of a run, from its instrumented build, and sizes of its arrays."""
+    tracer, grid, counters = run.tracer, group.setting.grid if run.tracer.needs_grid else None, run.counters
+    walked = walked_rays(counters, len(group.rays), tracer.batch_size, getattr(tracer.options, "compaction", True))
+    return Facts(
+        rays=len(group.rays),
+        hits=int((run.hits.primitive >= 0).sum()),
+        counters=counters,
+        walked=walked,
+        lanes=tracer.lanes,
+        first_level=grid.top_block.nbytes if grid else 0,
+        second_level=grid.leaves.nbytes if grid else 0,
+        cells=grid.nonempty if grid else 0,
+        references=len(grid.references) if grid else 0,
+        triangles=len(group.shared.scene),
+        triangle_bytes=tracer.intersector.bytes,
+        pair_bytes=4 * getattr(tracer.options, "pair_words", 1),
+        walk="adaptive" if grid and grid.spec.reading == "adaptive" else "uniform",
+        test_flops=tracer.intersector.flops,
+    )
+
+
+def _row(group: Group, run: Run, agreement: Agreement, watches: list[KernelWatch], ceilings: dict) -> dict:
+    spec, grid, rays = run.spec, group.setting.grid, group.rays
+    valid = agreement.valid and agreement.reference != "none"
+    facts = facts_of(group, run)
+    return {
+        "schema": SCHEMA,
+        "id": identity(spec=spec.model_dump(mode="json"), what="roofline"),
+        "scene": scene_facts(group.shared.scene),
+        "variant": str(spec.variant),
+        "tracer": run.tracer.name,
+        "intersector": run.tracer.intersector.name,
+        "options": spec.variant.options,
+        "lanes": run.tracer.lanes,
+        "grid": grid.describe() if run.tracer.needs_grid else None,
+        "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
+        "repetitions": len(watches),
+        "ceilings": ceilings,
+        "seconds": [watch.seconds["total"] for watch in watches] if valid else [],
+        "kernels": kernel_rows(watches, facts) if valid else [],
+        "counters": dataclasses.asdict(run.counters),
+        "agreement": agreement.to_record(),
+        "valid": valid,
+    }
+
+
+def kernel_rows(watches: Sequence[KernelWatch], facts: Facts) -> list[dict]:
+    """Every kernel, in the order of its first launch, then what each stage takes beyond its kernels."""
+    names = list(dict.fromkeys(key for watch in watches for key in watch.kernels))
+    rows = []
+    for stage, name in names:
+        times = [watch.kernels[stage, name] for watch in watches]
+        rows.append(_kernel_row(name, stage, [one.seconds for one in times], times[0].launches, facts))
+    for stage in [name for name in watches[0].seconds if name != "total"] + [OUTSIDE]:
+        seconds = [watch.rest(stage) for watch in watches]
+        rows.append(_kernel_row(rest_name(stage, {name for _, name in names}), stage, seconds, 0, facts))
+    return rows
+
+
+def _kernel_row(name: str, stage: str, seconds: list[float], launches: int, facts: Facts) -> dict:
+    work = work_of(name, facts)
+    stated = (
+        dataclasses.asdict(work) if work else dict.fromkeys(field.name for field in dataclasses.fields(KernelWork))
+    )
+    nanoseconds = stats.interval([1e9 * value / facts.rays for value in seconds]).as_dict()
+    return {
+        "name": name,
+        "stage": stage,
+        "own": launches > 0,
+        "launches": launches,
+        "seconds": seconds,
+        "nanoseconds": nanoseconds,
+        **stated,
+    }

@@ -1,0 +1,1 @@
+"""The paper's tracer: walk, bin, intersect, compact, wave after wave."""

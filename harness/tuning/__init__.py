@@ -1,0 +1,1 @@
+"""Which structure and options: sample, cost model, fit, choice."""

@@ -1,0 +1,38 @@
+"""Building kernels: includes, caching, and a failed build that can be read."""
+
+from __future__ import annotations
+
+import pytest
+
+from harness.device import program
+from harness.device.program import build
+from harness.errors import DefrayError
+
+
+def test_equal_builds_are_one_program_and_other_definitions_another(device):
+    first, again = (build(device, "hits.cl", intersector="ray_space.cl") for _ in range(2))
+    assert first is again
+    assert build(device, "hits.cl", intersector="moller_trumbore.cl") is not first
+
+
+def test_each_file_is_included_once():
+    source = program._expand("tracers/forward.cl", "ray_space.cl", set())
+    assert source.count("inline Frame intersector_setup(const RayLanes ray)") == 1
+    assert source.count("#define DEFRAY_WALK\n") == source.count("#define DEFRAY_WALK_ADAPTIVE\n") == 1
+    assert "#include" not in source
+
+
+def test_a_failed_build_is_one_line_and_leaves_its_log(device, tmp_path, monkeypatch):
+    for name in ("common.clh", "intersect.clh", "hits.cl"):
+        (tmp_path / name).write_text((program.KERNELS / name).read_text())
+    (tmp_path / "intersect").mkdir()
+    (tmp_path / "intersect" / "broken.cl").write_text("typedef RayLanes Frame;\nthis is no C\n")
+    monkeypatch.setattr(program, "KERNELS", tmp_path)
+    monkeypatch.setenv("DEFRAY_CACHE", str(tmp_path / "cache"))
+    with pytest.raises(DefrayError) as caught:
+        build(device, "hits.cl", intersector="broken.cl")
+    message = str(caught.value)
+    assert "building hits.cl failed" in message and "build.log" in message and "\n" not in message
+    assert "broken.cl:2" in message
+    log = (tmp_path / "cache" / "build.log").read_text()
+    assert "-DLANES=1" in log and "this is no C" in log

@@ -1,0 +1,320 @@
+"""Records: the schema is strict, and the file survives what a kill does to it."""
+
+import copy
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from harness import files
+from harness.errors import DefrayError
+from harness.records import record_file as record_module
+from harness.records.digest import digest_of, sealed
+from harness.records.origin import finish
+from harness.records.record_file import RecordFile, validated
+from harness.spec.run_spec import RunSpec, Variant
+from harness.spec.structure import GridSpec
+
+MACHINE = {
+    "cpu": "a cpu",
+    "cores": 2,
+    "os": "an os",
+    "device": "a device",
+    "platform": "a platform",
+    "driver": "1",
+    "versions": {"numpy": "2"},
+}
+RATE = {"median": 1e6, "low": 9e5, "high": 1.1e6}
+
+
+def make_record(identity: str = "0" * 16, **changes) -> dict:
+    """A record that validates."""
+    spec = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space"), grid=GridSpec())
+    whole = {
+        "schema": record_module.SCHEMA,
+        "id": identity,
+        "time_utc": "2030-01-01T00:00:00Z",
+        "command": "defray trace sponza",
+        "commit": "unknown",
+        "dirty": False,
+        "machine": dict(MACHINE),
+        "view": None,
+        "repetitions": 1,
+        "spec": spec.model_dump(mode="json"),
+        **make_body(),
+    }
+    return {**whole, **changes}
+
+
+def make_body() -> dict:
+    """The part of a record that the pipeline measures."""
+    return {
+        "scene": {"name": "sponza", "source": "real", "triangles": 10, "sha256": "ab"},
+        "rays": {"kind": "diffuse", "count": 1000, "seed": 1},
+        "grid": {
+            "top": 8,
+            "leaf": 128,
+            "reading": "total",
+            "cells": 9,
+            "nonempty": 4,
+            "references": 12,
+            "bytes": 100,
+            "build_seconds": 0.5,
+        },
+        "tracer": "deferred",
+        "intersector": "ray-space",
+        "options": {"wave": "4"},
+        "samples": {
+            "traverse": [0.1],
+            "arrange": [0.1],
+            "intersect": [0.1],
+            "compact": [],
+            "total": [0.3],
+        },
+        "rate": {"traverse": dict(RATE), "intersect": dict(RATE), "total": dict(RATE)},
+        "counters": {
+            "steps": 1,
+            "pairs": 1,
+            "tests": 1,
+            "lane_tests": 1,
+            "waves": 1,
+            "finished_per_wave": [1],
+            "padding": 0,
+        },
+        "agreement": {
+            "reference": "embree",
+            "same": 1000,
+            "tie": 0,
+            "t_off": 0,
+            "wrong": 0,
+            "missed": 0,
+            "phantom": 0,
+            "t_relative_error": {"p50": 0.0, "p99": 0.0, "max": 0.0},
+        },
+        "valid": True,
+    }
+
+
+def leaves(value, path=()):
+    """Paths of all keys of nested objects."""
+    for key, inner in value.items():
+        yield (*path, key)
+        if isinstance(inner, dict) and key not in (
+            "spec",
+            "options",
+            "versions",
+            "environment",
+        ):
+            yield from leaves(inner, (*path, key))
+
+
+def holder(record: dict, path: tuple) -> dict:
+    """The object that holds the last key of `path`."""
+    for key in path[:-1]:
+        record = record[key]
+    return record
+
+
+@pytest.fixture
+def file(tmp_path):
+    warnings = []
+    made = RecordFile(tmp_path / "records.jsonl", warn=warnings.append)
+    made.warnings = warnings
+    return made
+
+
+def write(file, *records) -> None:
+    """Put records on file as they are, each with the digest that its content has."""
+    file.path.write_text("".join(json.dumps(sealed(record)) + "\n" for record in records))
+
+
+@pytest.mark.parametrize("path", list(leaves(make_record())), ids=".".join)
+def test_every_key_is_needed_and_no_other_allowed(path):
+    missing = copy.deepcopy(make_record())
+    del holder(missing, path)[path[-1]]
+    with pytest.raises(DefrayError, match=r"here: .*(missing key|schema None)"):
+        validated(missing, "here")
+    extra = copy.deepcopy(make_record())
+    holder(extra, path)[path[-1] + "s_"] = 1
+    if path[:1] not in (("spec",), ("options",)):
+        with pytest.raises(DefrayError, match=f"{path[-1]}s_: unknown key"):
+            validated(extra, "here")
+
+
+def test_an_invalid_run_must_not_have_a_rate():
+    with pytest.raises(DefrayError, match="must not have a rate"):
+        validated(make_record(valid=False), "here")
+    nothing = {"traverse": None, "intersect": None, "total": None}
+    assert validated(make_record(valid=False, rate=nothing), "here")["valid"] is False
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_numbers_must_be_finite(file, number):
+    with pytest.raises(DefrayError, match="finite"):
+        file.append(
+            make_record(
+                rate={
+                    "traverse": None,
+                    "intersect": None,
+                    "total": {**RATE, "low": number},
+                }
+            )
+        )
+    with pytest.raises(DefrayError, match="not finite"):
+        files.append_line(file.path, {"value": number})
+    assert file.read() == []
+
+
+def test_finish_adds_what_the_pipeline_does_not_know():
+    spec = RunSpec(
+        scene="sponza",
+        variant=Variant.parse("deferred:ray-space"),
+        grid=GridSpec(),
+        view="door",
+    )
+    done = finish(make_body(), spec, dict(MACHINE))
+    assert done["id"] == spec.id and done["schema"] == record_module.SCHEMA and done["view"] == "door"
+    assert RunSpec.model_validate(done["spec"]).id == spec.id
+    assert json.loads(json.dumps(done)) == done
+    with pytest.raises(DefrayError, match="the record of sponza deferred:ray-space: valid: missing key"):
+        finish(
+            {key: value for key, value in make_body().items() if key != "valid"},
+            spec,
+            dict(MACHINE),
+        )
+
+
+def test_commit_is_unknown_outside_a_checkout(monkeypatch, tmp_path):
+    files.commit_and_dirty.cache_clear()
+    monkeypatch.setattr(files, "ROOT", tmp_path)
+    assert files.commit_and_dirty() == ("unknown", False)
+    files.commit_and_dirty.cache_clear()
+
+
+def test_append_then_read(file):
+    for identity in ("a", "b"):
+        file.append(make_record(identity))
+    assert [record["id"] for record in file.read()] == ["a", "b"]
+    assert file.done_ids() == {"a", "b"}
+    assert file.read()[0] == sealed(validated(make_record("a"), ""))
+    assert file.warnings == []
+
+
+def test_a_missing_file_has_no_records(file):
+    assert file.read() == [] and file.repair() == [] and not file.path.exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"rate": {**make_body()["rate"], "total": {**RATE, "median": 2e6}}}, "edited after it was written"),
+        ({"tracer": "forward"}, "edited after it was written"),
+        ({"digest": "0" * 64}, "edited after it was written"),
+        ({"digest": None}, "edited after it was written"),
+    ],
+)
+def test_a_record_edited_after_it_was_written_is_refused_by_name(file, changes, reason):
+    file.append(make_record("a"))
+    file.append(make_record("b"))
+    first, second = map(json.loads, file.path.read_text().splitlines())
+    file.path.write_text("".join(json.dumps(row) + "\n" for row in (first, {**second, **changes})))
+    with pytest.raises(DefrayError, match=rf"line 2 \(id b, sponza .*\): {reason}"):
+        file.read()
+    with pytest.raises(DefrayError, match="new record: edited"):
+        file.append({**second, **changes})
+
+
+def test_a_record_without_a_digest_is_refused_by_name(file):
+    file.path.write_text(json.dumps(make_record("a")) + "\n")
+    with pytest.raises(DefrayError, match=r"\(id a, sponza deferred:ray-space\): has no digest"):
+        file.read()
+
+
+def test_a_digest_does_not_depend_on_the_order_of_keys_nor_on_being_there(file):
+    record = make_record("a")
+    assert digest_of(dict(reversed(record.items()))) == digest_of(record) == digest_of(sealed(record))
+    file.append(record)
+    file.append(file.read()[0])
+    assert file.read()[0] == file.read()[1] == json.loads(file.path.read_text().splitlines()[0])
+
+
+def test_a_rate_without_a_check_is_refused_by_name(file):
+    agreement = {**make_body()["agreement"], "reference": "none"}
+    write(file, make_record("a", agreement=agreement))
+    with pytest.raises(DefrayError, match=r"\(id a, .*\): a run that was not checked must not be valid"):
+        file.read()
+
+
+def test_a_record_of_another_schema_is_refused(file):
+    write(file, make_record("a", schema=1))
+    with pytest.raises(DefrayError, match=r"schema 1, but .* schema 2"):
+        file.read()
+
+
+@pytest.mark.parametrize("kept", [1, 10, -2])
+def test_a_torn_last_line_is_set_aside(file, kept):
+    file.append(make_record("a"))
+    whole = file.path.read_bytes()
+    torn = whole[:-1][:kept]
+    file.path.write_bytes(whole + torn)
+    assert [record["id"] for record in file.read()] == ["a"]
+    assert file.path.read_bytes() == whole + torn, "reading must not change the file"
+    assert [record["id"] for record in file.repair()] == ["a"]
+    assert file.path.read_bytes() == whole
+    assert (file.path.parent / "records.jsonl.broken").read_bytes() == torn + b"\n"
+    assert len(file.warnings) == 2 and all("\n" not in message for message in file.warnings)
+    file.append(make_record("b"))
+    assert file.done_ids() == {"a", "b"}
+
+
+def test_a_lost_newline_is_put_back(file):
+    file.append(make_record("a"))
+    whole = file.path.read_bytes()
+    file.path.write_bytes(whole[:-1])
+    assert len(file.repair()) == 1
+    assert file.path.read_bytes() == whole
+    assert file.warnings == []
+
+
+def test_damage_elsewhere_names_file_and_line(file):
+    for identity in ("a", "b", "c"):
+        file.append(make_record(identity))
+    lines = file.path.read_text().splitlines()
+    file.path.write_text("\n".join([lines[0], lines[1][:50], lines[2]]) + "\n")
+    with pytest.raises(DefrayError, match=r"records\.jsonl, line 2: not JSON"):
+        file.repair()
+    write(file, make_record("a"), make_record("b", schema=9))
+    with pytest.raises(DefrayError, match=r"line 2 \(id b, sponza .*\): schema 9, but this version reads schema 2$"):
+        file.read()
+    bad = make_record("c")
+    del bad["dirty"]
+    write(file, bad)
+    with pytest.raises(DefrayError, match=r"line 1 \(id c, .*\): dirty: missing key"):
+        file.read()
+    file.path.write_text("[1]\n")
+    with pytest.raises(DefrayError, match="line 1: not a JSON object"):
+        file.read()
+
+
+def test_unwritable_place_is_one_line(tmp_path):
+    with pytest.raises(DefrayError, match=r"cannot write .*records\.jsonl") as caught:
+        RecordFile(tmp_path / "absent" / "records.jsonl").append(make_record())
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_full_disk_is_one_line():
+    with pytest.raises(DefrayError, match="cannot write /dev/full"):
+        files.append_line("/dev/full", {"a": 1})
+
+
+def test_command_line_hides_the_installation(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["/some/where/bin/defray", "trace", "my scene.obj"])
+    assert files.command_line() == "defray trace 'my scene.obj'"
+
+
+def test_importing_records_needs_no_opencl():
+    code = "import sys, harness.records.record_file; sys.exit('pyopencl' in sys.modules or 'pandas' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
