@@ -10,9 +10,9 @@ from harness.errors import DefrayError
 
 
 def test_equal_builds_are_one_program_and_other_definitions_another(device):
-    first, again = (build(device, "hits.cl", intersector="ray_space.cl") for _ in range(2))
+    first, again = (build(device, "tracers/hits.cl", intersector="ray_space.cl") for _ in range(2))
     assert first is again
-    assert build(device, "hits.cl", intersector="moller_trumbore.cl") is not first
+    assert build(device, "tracers/hits.cl", intersector="moller_trumbore.cl") is not first
 
 
 def test_each_file_is_included_once():
@@ -23,16 +23,17 @@ def test_each_file_is_included_once():
 
 
 def test_a_failed_build_is_one_line_and_leaves_its_log(device, tmp_path, monkeypatch):
-    for name in ("common.clh", "intersect.clh", "hits.cl"):
+    for name in ("common.clh", "intersect.clh", "tracers/hits.cl"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text((program.KERNELS / name).read_text())
     (tmp_path / "intersect").mkdir()
     (tmp_path / "intersect" / "broken.cl").write_text("typedef RayLanes Frame;\nthis is no C\n")
     monkeypatch.setattr(program, "KERNELS", tmp_path)
     monkeypatch.setenv("DEFRAY_CACHE", str(tmp_path / "cache"))
     with pytest.raises(DefrayError) as caught:
-        build(device, "hits.cl", intersector="broken.cl")
+        build(device, "tracers/hits.cl", intersector="broken.cl")
     message = str(caught.value)
-    assert "building hits.cl failed" in message and "build.log" in message and "\n" not in message
+    assert "building tracers/hits.cl failed" in message and "build.log" in message and "\n" not in message
     assert "broken.cl:2" in message
     log = (tmp_path / "cache" / "build.log").read_text()
     assert "-DLANES=1" in log and "this is no C" in log
