@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from harness.data import Hits, Rays, Scene, View
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Adaptive, Uniform
 
 __version__ = "0.1.0"
-__all__ = ["GridSpec", "Hits", "Rays", "Scene", "View", "load_scene", "trace"]
+__all__ = ["Adaptive", "Hits", "Rays", "Scene", "Uniform", "View", "load_scene", "trace"]
 
 
 def __getattr__(name: str):

@@ -2,20 +2,55 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import json
 import os
+import pkgutil
 import shlex
 import subprocess
 import sys
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
+from types import ModuleType
 
 from platformdirs import user_cache_dir
 
 from harness.errors import DefrayError
 
 ROOT = Path(__file__).resolve().parent.parent  # of the checkout
+
+
+def extra_folders(kind: str) -> list[Path]:
+    """Where files of a kind (`tracers`, `structures`, `kernels`) are looked for: the project's own folder first, then
+    that of each folder named in DEFRAY_EXTRA, separated as in PATH. The latter need not exist."""
+    own = ROOT / kind if kind == "kernels" else ROOT / "harness" / kind
+    extra = [part for part in os.environ.get("DEFRAY_EXTRA", "").split(os.pathsep) if part]
+    return [own, *(Path(part).expanduser() / kind for part in extra)]
+
+
+def modules_of(kind: str) -> list[ModuleType]:
+    """The modules of `harness.KIND`, for a package its module of the singular name (`tracer`), and then the files of
+    that kind in DEFRAY_EXTRA. Raises DefrayError for one of these that cannot be imported."""
+    own, *extra = extra_folders(kind)
+    found = []
+    for entry in pkgutil.iter_modules([str(own)]):
+        inner = f".{kind.removesuffix('s')}" if entry.ispkg else ""
+        found.append(importlib.import_module(f"harness.{kind}.{entry.name}{inner}"))
+    return found + [_module_from(file, kind) for folder in extra for file in sorted(folder.glob("*.py"))]
+
+
+@cache
+def _module_from(file: Path, kind: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"defray_extra.{kind}.{file.stem}", file)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise DefrayError(f"{file} cannot be imported: {type(error).__name__}: {error}") from error
+    return module
 
 
 def cache_folder() -> Path:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import random
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -337,3 +339,15 @@ def _finite(values: Sequence[float]) -> np.ndarray:
     if sample.ndim != 1 or len(sample) == 0 or not np.isfinite(sample).all():
         raise DefrayError("statistics need at least one value, and finite ones")
     return sample
+
+
+def interleaved(entries: Sequence, repetitions: int, seed: int) -> Iterator[tuple[int, float, Any]]:
+    """`(turn, share, entry)` for every repetition of every entry, each turn in a random order of its own.
+
+    `share`: the part of the turn that is done, in [0, 1). Drifts of the machine so fall on all entries alike.
+    """
+    generator = random.Random(seed)
+    for turn in range(repetitions):
+        order = generator.sample(list(entries), len(entries))
+        for place, entry in enumerate(order):
+            yield turn, place / len(order), entry

@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from harness import stats, tracers
+from harness import stats, structures, tracers
 from harness.data import differing
 from harness.device.opened import open_device
 from harness.device.stopwatch import Stopwatch
@@ -29,8 +28,7 @@ from harness.inputs.scenes import load_scene
 from harness.measure.scene import SharedScene
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant, parse_count
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import Adaptive, Uniform
 from harness.tuning import choose as auto
 from harness.tuning import fit as calibrate
 
@@ -81,7 +79,7 @@ def row(name: str, arguments) -> list[str]:
     spec = RunSpec(scene=name, variant=Variant(tracer="embree"), rays=parse_count(arguments.rays))
     rays = shared.rays(spec)
     tracer = arguments.tracer
-    choice = auto.choose(shared.setting, rays, tracer, test, tell=lambda what: print(what, file=sys.stderr))
+    choice = auto.choose(shared.prepared, rays, tracer, test, tell=lambda what: print(what, file=sys.stderr))
     print(f"{name}, {tracer}: {choice.why}", file=sys.stderr)
     name_of_grid = f"density {choice.grid.density:g}"
     chosen = Contestant(shared, choice.grid, tracer, choice.options[tracer], rays, name_of_grid)
@@ -93,7 +91,7 @@ def row(name: str, arguments) -> list[str]:
         found = stats.ratio([1 / t for t in ours], [1 / t for t in theirs])
         ratios.append(f"{found.median:.2f} ({found.low:.2f}-{found.high:.2f})")
     per_million = float(np.median(ours)) * 1e6 / len(rays)
-    size, least = choice.grid.bytes, 4 * shared.setting.device_scene.active_count
+    size, least = choice.grid.bytes, 4 * shared.prepared.device_scene.active_count
     memory = f"{size / usual_bytes:.2f} ({least / usual_bytes:.2f})"
     return [
         name,
@@ -112,8 +110,8 @@ class Contestant:
     """One setting on one grid."""
 
     def __init__(self, shared: SharedScene, grid, tracer: str, options: dict[str, str], rays, name: str):
-        setting = replace(shared.setting, grid=grid)
-        self.tracer = tracers.find(tracer)(setting, intersectors.find("ray-space"), options)
+        prepared = shared.prepared.with_structure(grid)
+        self.tracer = tracers.find(tracer)(prepared, intersectors.find("ray-space"), options)
         growth = options.get("growth", "1")
         self.wave = {"wave": options["wave"], **({} if growth == "1" else {"growth": growth})}
         self.name = f"{name}, wave {options['wave']}" + (f" growth {growth}" if growth != "1" else "")
@@ -134,14 +132,14 @@ def best_of_sweep(shared: SharedScene, rays, arguments, chosen: Contestant) -> t
     A setting's time counts relative to the chosen setting's beside it, as the machine's speed may change.
     """
     best, least, usual, tracer = None, np.inf, 0, arguments.tracer
-    specs = [GridSpec(8, leaf) for leaf in arguments.uniform]
-    for spec in specs + [GridSpec(0, 16, "adaptive", density) for density in arguments.densities]:
+    specs = [Uniform(8, leaf) for leaf in arguments.uniform]
+    for spec in specs + [Adaptive(density) for density in arguments.densities]:
         try:
-            grid = build_grid(shared.setting.device_scene, spec)
+            grid = structures.build(shared.prepared.device_scene, spec)
         except DefrayError as error:
             print(f"{shared.scene.name} {spec} left out: {error}", file=sys.stderr)
             continue
-        usual = grid.bytes if spec == GridSpec(8, 128) else usual
+        usual = grid.bytes if spec == Uniform(8, 128) else usual
         for wave in (chosen.wave, *(wave for wave in WAVES if wave != chosen.wave)):
             options = {**calibrate.FAST, **wave} if tracer == "deferred" else wave
             one = Contestant(shared, grid, tracer, options, rays, str(spec))

@@ -9,15 +9,16 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from harness.errors import DefrayError, first_problem, known
 from harness.files import ROOT
 from harness.inputs.scenes import check_name, enlargeable
 from harness.spec.run_spec import RAY_KINDS, SIZES, Check, RunSpec, Variant, parse_count
-from harness.spec.structure import GridSpec, parse_grid
+from harness.spec.structure import AUTO, StructureSpec, parse_structure
+from harness.structures import check_structure
 from harness.studies.errors_and_leaks import Contender, Plan, parse_contenders
-from harness.tracers import check_variant, needs_grid
+from harness.tracers import check_variant, needs_structure
 
 TIERS = ROOT / "harness" / "paper" / "accuracy.toml"
 
@@ -78,8 +79,11 @@ def make_spec(scene: str, variant: Variant, **fields: Any) -> RunSpec:
     if ray_file is not None and not Path(ray_file).is_file():
         what = "is a folder" if ray_file and Path(ray_file).is_dir() else "does not exist"
         raise DefrayError(f"ray file '{ray_file}' {what}")
-    if fields.get("grid") is None and needs_grid(variant):
-        raise DefrayError(f"tracer '{variant.tracer}' needs a grid")
+    structure = fields.get("structure")
+    if structure is None and needs_structure(variant):
+        raise DefrayError(f"tracer '{variant.tracer}' needs a structure")
+    if structure not in (None, AUTO):
+        check_structure(structure)
     try:
         return RunSpec(scene=scene, variant=check_variant(variant), **fields)
     except ValidationError as error:
@@ -87,18 +91,18 @@ def make_spec(scene: str, variant: Variant, **fields: Any) -> RunSpec:
 
 
 def interleaved(
-    scene: str, variants: Sequence[Variant], grids: Sequence[GridSpec], **fields: Any
+    scene: str, variants: Sequence[Variant], structures: Sequence[StructureSpec], **fields: Any
 ) -> Iterable[RunSpec]:
-    """Specs of all variants on all grids.
+    """Specs of all variants in all structures.
 
-    A tracer without a grid is measured beside the runs of every grid: it belongs to their group, so that its
-    repetitions interleave with theirs and ratios to it are paired. Where no variant walks a grid it has none.
+    A tracer without a structure is measured beside the runs of every one: it belongs to their group, so that its
+    repetitions interleave with theirs and ratios to it are paired. Where no variant walks a structure it has none.
     """
-    if not any(map(needs_grid, variants)):
-        grids = []
+    if not any(map(needs_structure, variants)):
+        structures = []
     for variant in variants:
-        for grid in grids or [None]:
-            yield make_spec(scene, variant, grid=grid, **fields)
+        for structure in structures or [None]:
+            yield make_spec(scene, variant, structure=structure, **fields)
 
 
 _listed = BeforeValidator(lambda value: value if isinstance(value, list) else [value])
@@ -114,7 +118,9 @@ class SweepEntry(_Strict):
     name: str
     scenes: Annotated[list[str], _listed]
     sizes: Annotated[list[str], _listed] = Field(default_factory=lambda: ["1"])
-    grids: Annotated[list[str], _listed] = Field(default_factory=list)
+    structures: Annotated[list[str], _listed] = Field(
+        default_factory=list, validation_alias=AliasChoices("structures", "grids")
+    )
     variants: Annotated[list[str], _listed]
     kinds: Annotated[list[str], _listed] = Field(default_factory=lambda: ["diffuse"])
     rays: Annotated[list[str | int], _listed] = Field(default_factory=lambda: ["1M"])
@@ -140,14 +146,14 @@ class SweepEntry(_Strict):
     def specs(self) -> list[RunSpec]:
         """All runs of the product, in the order of the lists."""
         variants = [Variant.parse(text) for text in self.variants]
-        grids = [parse_grid(text) for text in self.grids]
+        structures = [parse_structure(text) for text in self.structures]
         made: list[RunSpec] = []
         for scene, kind, rays, seed, view in product(
             self.resized_scenes(), self.kinds, self.rays, self.seeds, self.views or [None]
         ):
             common = {"kind": kind, "rays": parse_count(rays), "seed": seed, "view": view}
             common |= {"repetitions": self.repetitions, "check": self.check}
-            made += interleaved(scene, variants, grids, **common)
+            made += interleaved(scene, variants, structures, **common)
         return made
 
 

@@ -73,15 +73,12 @@ CHECK_SECONDS = 1.5e-6  # making a ray and checking its hit
 
 def group_name(spec: RunSpec) -> str:
     """Scene and grid of a run, for people."""
-    if spec.grid and spec.grid.reading in ("adaptive", "auto"):
-        return f"{spec.scene} {spec.grid}"
-    return f"{spec.scene} {spec.grid.top}/{spec.grid.leaf}" if spec.grid else spec.scene
+    return f"{spec.scene} {spec.structure}" if spec.structure else spec.scene
 
 
 def run_name(spec: RunSpec) -> str:
     """Scene, grid and variant of a run, for people."""
-    reading = f" {spec.grid.reading}" if spec.grid and spec.grid.reading == "per-cell" else ""
-    return f"{group_name(spec)}{reading} {spec.variant}"
+    return f"{group_name(spec)} {spec.variant}"
 
 
 def guessed_seconds(spec: RunSpec, triangles: int) -> float:
@@ -93,8 +90,9 @@ def guessed_seconds(spec: RunSpec, triangles: int) -> float:
         # A fixed grid gets more triangles a cell as scenes grow; a tree's depth hardly does.
         growth = 0.15 if tracer == "embree" else 0.5
         per_ray = RAY_SECONDS.get(tracer, 2.0e-6) * (triangles / 300_000) ** growth
-        if spec.grid and spec.grid.reading not in ("adaptive", "auto") and tracer != "embree":
-            per_ray *= max(128 / spec.grid.resolution, 0.5)
+        cells = spec.structure.leaf_cells_per_axis if spec.structure else None
+        if cells and tracer != "embree":
+            per_ray *= max(128 / cells, 0.5)
     return 0.5 + spec.rays * ((spec.repetitions + 2) * per_ray + CHECK_SECONDS)
 
 

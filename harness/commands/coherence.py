@@ -21,7 +21,7 @@ from harness.commands.options import (
 )
 from harness.records.coherence_row import Coherence, coherence_file, predicted_ratios
 from harness.spec.run_spec import Variant, parse_count
-from harness.spec.structure import parse_grid
+from harness.spec.structure import parse_structure
 from harness.studies.lanes_and_lines import WIDTHS, measure_coherence
 
 EPILOG = "Example:  [bold]defray coherence sponza --rays 64k --out results/mine[/bold]"
@@ -48,7 +48,7 @@ def coherence(
     """
     variants = [Variant.parse(f"forward:{intersector}"), Variant.parse(f"deferred:{intersector}:wave={wave}")]
     common = {"rays": parse_count(rays), "kind": kind, "seed": seed}
-    groups = scene_specs(scenes, variants, parse_grid(structure), **common)
+    groups = scene_specs(scenes, variants, parse_structure(structure), **common)
     rows = measured_rows(
         groups, device, out, coherence_file, lambda specs, opened, _: [measure_coherence(specs, wave, opened)]
     )

@@ -26,7 +26,7 @@ from harness.commands.options import (
 from harness.errors import DefrayError
 from harness.inputs.scenes import check_name
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import parse_grid
+from harness.spec.structure import parse_structure
 
 EPILOG = (
     "Examples:  [bold]defray compare deferred:ray-space forward:moller-trumbore --rays 64k[/bold]   "
@@ -53,7 +53,7 @@ def compare(
     """Compare variants on the same rays, repetitions interleaved, as ratios with confidence intervals."""
     if len(variants) < 2:
         raise DefrayError("compare needs two variants or more, as in: defray compare deferred forward")
-    chosen = parse_grid(structure)
+    chosen = parse_structure(structure)
     common = common_fields(rays, kind, seed, view, repetitions, check)
     parsed = [Variant.parse(text) for text in variants]
     groups = [list(interleaved(name, parsed, [chosen], **common)) for name in scene_names(scenes)]
@@ -104,7 +104,7 @@ def comparison(specs: Sequence[RunSpec], records: Sequence[dict]) -> dict:
     return {
         "scene": records[0]["scene"],
         "rays": records[0]["rays"],
-        "grid": str(specs[0].grid) if specs[0].grid else None,
+        "grid": str(specs[0].structure) if specs[0].structure else None,
         "base": str(specs[0].variant),
         "rows": rows,
         "records": list(records),

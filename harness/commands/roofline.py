@@ -22,7 +22,7 @@ from harness.commands.options import (
 from harness.errors import CheckFailed, DefrayError
 from harness.records.roofline_row import roofline_file
 from harness.spec.run_spec import Variant, parse_count
-from harness.spec.structure import parse_grid
+from harness.spec.structure import parse_structure
 from harness.studies.roofline.instructions import inner_loop
 from harness.studies.roofline.measured_kernels import measure_roofline
 
@@ -59,7 +59,7 @@ def roofline(
     parsed = device_variants(variants)
     if check not in ("embree", "exact"):
         raise DefrayError(f"times need a check, 'embree' or 'exact', not '{check}'")
-    grid = parse_grid(structure)
+    grid = parse_structure(structure)
     common = {"rays": parse_count(rays), "kind": kind, "seed": seed, "repetitions": repetitions, "check": check}
     groups = scene_specs(scenes, parsed, grid, **common)
     rows = measured_rows(groups, device, out, roofline_file, measure_roofline)

@@ -24,7 +24,7 @@ from harness.commands.options import (
 )
 from harness.errors import DefrayError
 from harness.spec.run_spec import Variant
-from harness.spec.structure import parse_grid
+from harness.spec.structure import parse_structure
 
 EPILOG = (
     "Examples:  [bold]defray trace sponza --rays 64k[/bold]   "
@@ -57,7 +57,7 @@ def trace(
     common = common_fields(rays, kind, seed, view, repetitions, check)
     if ray_file is not None:
         common |= {"kind": "file", "ray_file": ray_file}
-    specs = list(interleaved(scene, [Variant.parse(text)], [parse_grid(structure)], **common))
+    specs = list(interleaved(scene, [Variant.parse(text)], [parse_structure(structure)], **common))
     record = measured_group(specs, device)[0]
     if json:
         print_json(record)

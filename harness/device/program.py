@@ -5,23 +5,24 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from harness.device.opened import Device
 from harness.device.runtime import cl
 from harness.errors import DefrayError
-from harness.files import cache_folder
+from harness.files import cache_folder, extra_folders
 from harness.spec.intersectors import KERNELS
 
 LOCAL_SIZE = 64  # PoCL compiles a kernel anew for every work-group size, so there is one
-INCLUDE = re.compile(r'^\s*#include\s+(?:"([^"]+)"|(INTERSECTOR))\s*$')
+INCLUDE = re.compile(r'^\s*#include\s+(?:"([^"]+)"|(INTERSECTOR|STRUCTURE))\s*$')
 _programs: dict[tuple, Program] = {}
 launch_listeners: list[Callable[[str, cl.Event], None]] = []  # told of every launch: kernel's name and its event
 
 
 class Program:
-    """The kernels of one built program, called as attributes: `program.count_pairs(count, *arguments)`."""
+    """The kernels of one built program: `program.launch("count_pairs", count, *arguments)`."""
 
     def __init__(self, device: Device, built: cl.Program, source_hash: str):
         self.queue = device.queue
@@ -44,22 +45,24 @@ def build(
     device: Device,
     *files: str,
     intersector: str | None = None,
+    structure: str | None = None,
     lanes: int = 1,
     defines: dict[str, int] | None = None,
 ) -> Program:
-    """Build kernel files (names under kernels/) into one program.
+    """Build kernel files (names under kernels/, of the project or of a folder of DEFRAY_EXTRA) into one program.
 
-    `intersector` is the file that `#include INTERSECTOR` stands for. Raises DefrayError with the flags and
-    the compiler's log where the build fails.
+    `intersector` is the file under kernels/intersect that `#include INTERSECTOR` stands for, `structure` the header
+    that `#include STRUCTURE` stands for. Raises DefrayError with the flags and the compiler's log where the build
+    fails, and for a file that does not exist.
     """
     macros = {"LANES": lanes, **(defines or {})}
     options = [f"-D{name}={value}" for name, value in macros.items()]
     if device.correctly_rounded_divide:
         options.append("-cl-fp32-correctly-rounded-divide-sqrt")
-    key = (device.handle, KERNELS, files, intersector, tuple(options))
+    folders = (KERNELS, *extra_folders("kernels")[1:])
+    key = (device.handle, folders, files, intersector, structure, tuple(options))
     if key not in _programs:
-        seen: set[str] = set()
-        source = "".join(_expand(name, intersector, seen) for name in files)
+        source = expanded(*files, intersector=intersector, structure=structure)
         try:
             built = cl.Program(device.context, source).build(options=options)
         except cl.RuntimeError as error:
@@ -82,18 +85,32 @@ def _build_failure(files, options, source: str, log: str) -> DefrayError:
     return DefrayError(f"building {', '.join(files)} failed: {first}{where}")
 
 
-def _expand(name: str, intersector: str | None, seen: set[str]) -> str:
-    """Text of a kernel file with its includes put in place, each file once, with #line markers."""
-    if name in seen:
-        return ""
-    seen.add(name)
-    lines = [f'#line 1 "{name}"\n']
-    for number, line in enumerate((KERNELS / name).read_text().splitlines(), start=1):
-        match = INCLUDE.match(line)
-        if not match:
-            lines.append(line + "\n")
-            continue
-        included = match.group(1) or f"intersect/{intersector}"
-        lines.append(_expand(included, intersector, seen))
-        lines.append(f'#line {number + 1} "{name}"\n')
-    return "".join(lines)
+def expanded(*files: str, intersector: str | None = None, structure: str | None = None) -> str:
+    """Text of kernel files with their includes put in place, each file once, with #line markers."""
+    stands_for = {"INTERSECTOR": intersector and f"intersect/{intersector}", "STRUCTURE": structure}
+    seen: set[str] = set()
+
+    def text(name: str) -> str:
+        if name in seen:
+            return ""
+        seen.add(name)
+        lines = [f'#line 1 "{name}"\n']
+        for number, line in enumerate(kernel_file(name).read_text(encoding="utf-8").splitlines(), start=1):
+            match = INCLUDE.match(line)
+            if match and not (match[1] or stands_for[match[2]]):
+                raise DefrayError(f"{name}: nothing was said that {match[2]} stands for")
+            if match:
+                lines += [text(match[1] or stands_for[match[2]]), f'#line {number + 1} "{name}"\n']
+            else:
+                lines.append(line + "\n")
+        return "".join(lines)
+
+    return "".join(text(name) for name in files)
+
+
+def kernel_file(name: str) -> Path:
+    """A kernel file by its name under kernels/; raises DefrayError where no folder has it."""
+    for folder in (KERNELS, *extra_folders("kernels")[1:]):
+        if (folder / name).is_file():
+            return folder / name
+    raise DefrayError(f"there is no kernel file {name} in {KERNELS} or in a folder of DEFRAY_EXTRA")

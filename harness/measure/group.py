@@ -10,14 +10,12 @@ from dataclasses import dataclass, field
 
 from harness import stats, tracers
 from harness.data import Counters, Hits, Samples, Scene, differing
-from harness.device.stopwatch import Stopwatch
 from harness.measure.scene import shared_scene
 from harness.reference.check import Agreement
-from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec
-from harness.structures.base import Grid
+from harness.structures.base import Structure
 from harness.tracers.base import Tracer
-from harness.tuning.choose import DEFERRED, Choice, prepare_grid
+from harness.tuning.choose import DEFERRED, Choice, in_structure
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class Run:
 
 
 class Group:
-    """Scene, rays and grid of a group of runs; raises DefrayError for whatever cannot be loaded or built."""
+    """Scene, rays and structure of a group of runs; raises DefrayError for whatever cannot be loaded or built."""
 
     def __init__(self, specs: Sequence[RunSpec], device, progress: Callable[[Progress], None]):
         self.specs, self.device, self._progress = specs, device, progress
@@ -52,40 +50,29 @@ class Group:
         self.shared = shared_scene(first.scene, device)
         self.tell(None, "rays", 0.05)
         self.rays = self.shared.rays(first)
-        self.tell(None, "building grid", 0.1)
-        self.setting, self.choice = self.shared.setting, None
-        walking = [spec for spec in specs if tracers.find(spec.variant.tracer).needs_grid]
+        self.tell(None, "building the structure", 0.1)
+        self.prepared, self.choice = self.shared.prepared, None
+        walking = [spec for spec in specs if tracers.find(spec.variant.tracer).needs_structure]
         if walking:
             # One and the same of them, whatever order a sweep has drawn.
-            self._build_grid(min(walking, key=lambda spec: (_turn(spec.variant.tracer), str(spec.variant))))
+            self._build_structure(min(walking, key=lambda spec: (_turn(spec.variant.tracer), str(spec.variant))))
         self.seed = int(first.id, 16)
 
     def tell(self, spec: RunSpec | None, stage: str, done: float) -> None:
         """Report progress."""
         self._progress(Progress(spec, stage, done))
 
-    def _build_grid(self, spec: RunSpec) -> None:
-        """Build the grid that all runs of the group share; of `auto`, for the run `spec`."""
-        variant = spec.variant
-        grid, self.choice = prepare_grid(
-            self.setting, self.rays, spec.grid, variant.tracer, intersectors.find(variant.intersector or ""),
-            variant.options, lambda what: self.tell(None, what, 0.1),
-        )  # fmt: skip
-        self.setting = dataclasses.replace(self.setting, grid=grid)
+    def _build_structure(self, spec: RunSpec) -> None:
+        """Build the structure that all runs of the group share; of `auto`, for the run `spec`."""
+        self.prepared, self.choice = in_structure(
+            self.prepared, self.rays, spec.structure, spec.variant, lambda what: self.tell(None, what, 0.1)
+        )
 
     def open_run(self, spec: RunSpec) -> Run:
         """The tracer of one run, its options validated; raises DefrayError where the device cannot run it."""
         self.tell(spec, "preparing", 0.12)  # whatever is raised below is this run's, not the group's
-        kind = tracers.find(spec.variant.tracer)
-        test = intersectors.find(spec.variant.intersector or "") if kind.needs_intersector else None
-        options = spec.variant.options
-        if self.choice:
-            options = self.choice.options_for(kind.name, options)
-        return Run(spec, kind(self.setting, test, options), options)
-
-    def stopwatch(self, run: Run) -> Stopwatch:
-        """A new stopwatch on the run's device."""
-        return Stopwatch(self.device.queue if run.tracer.needs_device else None)
+        variant = self.choice.chosen_variant(spec.variant) if self.choice else spec.variant
+        return Run(spec, tracers.open_tracer(self.prepared, variant), variant.options)
 
     def check(self, run: Run, runs: Sequence[Run]) -> Agreement:
         """Agreement of a run's hits with the reference, with its own repetitions and with other tracers."""
@@ -140,9 +127,9 @@ def _turn(tracer: str) -> int:
     return DEFERRED.index(tracer) if tracer in DEFERRED else len(DEFERRED)
 
 
-def describe_grid(grid: Grid, choice: Choice | None) -> dict:
+def describe_structure(structure: Structure, choice: Choice | None) -> dict:
     """The `grid` part of a record, and why it was chosen, where it was."""
-    return {**grid.describe(), **(choice.describe() if choice else {})}
+    return {**structure.describe(), **(choice.describe() if choice else {})}
 
 
 def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
@@ -152,7 +139,7 @@ def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
         "scene": scene_facts(scene),
         "view": None if rays.kind in ("random", "file") else spec.view or scene.views[0].name,
         "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
-        "grid": describe_grid(group.setting.grid, group.choice) if tracer.needs_grid else None,
+        "grid": describe_structure(group.prepared.structure, group.choice) if tracer.needs_structure else None,
         "tracer": tracer.name,
         "intersector": run.tracer.intersector.name if run.tracer.intersector else None,
         "options": run.options,

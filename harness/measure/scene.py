@@ -22,14 +22,14 @@ class SharedScene:
     def __init__(self, scene: Scene, device):
         self.scene = scene
         self.active = ~zero_area(scene.triangles)
-        self.setting = Prepared.on_device(scene, device, self.active) if device else Prepared(scene)
+        self.prepared = Prepared.on_device(scene, device, self.active) if device else Prepared(scene)
         self._rays: dict[tuple, Rays] = {}
         self._checkers: dict[tuple, Checker] = {}
 
     @property
     def embree(self) -> EmbreeScene:
         """Finds primary hits for the rays that start on surfaces; Embree's runs trace it too."""
-        return self.setting.hierarchy()
+        return self.prepared.hierarchy()
 
     @functools.cached_property
     def reference(self) -> EmbreeScene:
@@ -49,7 +49,7 @@ class SharedScene:
             self._rays = {key: make_rays(self.scene, *key, embree=embree)}
             self._checkers.clear()
             if len(self.scene) >= LARGE:
-                self.setting.hierarchies.clear()  # the checker builds another, and two would be too much memory
+                self.prepared.hierarchies.clear()  # the checker builds another, and two would be too much memory
         return self._rays[key]
 
     def checker(self, spec: RunSpec, rays: Rays) -> Checker:

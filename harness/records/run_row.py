@@ -75,9 +75,10 @@ class GridFacts(Part):
     Of one that was chosen: why, the seconds of choosing and of building the grid on trial (0: it is the one chosen).
     """
 
-    top: int
-    leaf: int
+    top: int | None = None
+    leaf: int | None = None
     reading: str
+    options: dict[str, str] | None = None
     cells: int
     nonempty: int
     references: int
@@ -92,7 +93,16 @@ class GridFacts(Part):
     @model_serializer(mode="wrap")
     def _without_absent(self, serialize) -> dict:
         """Without the keys of adaptive and of chosen grids where they say nothing."""
-        optional = ("density", "resolution", "chosen", "choosing_seconds", "trial_build_seconds")
+        optional = (
+            "top",
+            "leaf",
+            "options",
+            "density",
+            "resolution",
+            "chosen",
+            "choosing_seconds",
+            "trial_build_seconds",
+        )
         return {key: value for key, value in serialize(self).items() if key not in optional or value is not None}
 
 

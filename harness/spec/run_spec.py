@@ -6,14 +6,13 @@ import hashlib
 import json
 import os
 import re
-from dataclasses import asdict
 from fractions import Fraction
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_validator
 
 from harness.errors import DefrayError
-from harness.spec.structure import GridSpec
+from harness.spec.structure import StructureSpec, structure_spec
 
 SIZES = {text: Fraction(text) for text in ("1/64", "1/16", "1/4", "1", "4")}
 
@@ -86,13 +85,18 @@ class Variant(BaseModel):
 
 
 class RunSpec(BaseModel):
-    """One run. `grid` of a tracer that uses none (`brute`, `embree`): that of the runs it stands beside, if any."""
+    """One run. `structure` of a tracer that walks none (`brute`, `embree`): that of the runs beside it, if any.
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    A structure may be given as a spec, as its text or as its JSON; records and ids call it `grid`.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, populate_by_name=True, serialize_by_alias=True, arbitrary_types_allowed=True
+    )
 
     scene: str
     variant: Variant
-    grid: GridSpec | None = None
+    structure: StructureSpec | None = Field(default=None, alias="grid")
     kind: str = "diffuse"
     rays: int = Field(default=1_000_000, gt=0, le=MOST_RAYS)
     seed: int = Field(default=1, ge=0, lt=2**63)
@@ -101,17 +105,19 @@ class RunSpec(BaseModel):
     repetitions: int = Field(default=3, gt=0)
     check: Check = "embree"
 
-    @field_serializer("grid")
-    def _without_default_density(self, grid: GridSpec | None) -> dict | None:
-        """Without `density` where it is None: an id names the same run as before there was one."""
-        if grid is None:
-            return None
-        return {key: value for key, value in asdict(grid).items() if key != "density" or value is not None}
+    @field_validator("structure", mode="before")
+    @classmethod
+    def _read_structure(cls, value):
+        return None if value is None else structure_spec(value)
+
+    @field_serializer("structure")
+    def _structure_to_json(self, structure: StructureSpec | None) -> dict | None:
+        return structure.to_json() if structure else None
 
     @property
     def group(self) -> tuple:
-        """Runs with the same group share scene, rays and grid, and are measured interleaved."""
-        return (*self.workload, self.grid)
+        """Runs with the same group share scene, rays and structure, and are measured interleaved."""
+        return (*self.workload, self.structure)
 
     @property
     def workload(self) -> tuple:

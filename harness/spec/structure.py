@@ -1,144 +1,221 @@
-"""What space is cut into, as text and data: fields, limits, parsing."""
+"""What space is cut into, as text and as data, before anything is built: fields, limits, parsing, printing.
+
+`parse_structure` reads `8/128`, `8/128 per-cell`, `adaptive density=0.3`, `auto`, or the name of any other structure
+with its options, `NAME key=value ...`; printing a spec gives text that is read back as an equal one.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
-from harness.errors import DefrayError, known
+from harness.errors import DefrayError
 
-ADAPTIVE_LEAF = 16  # leaf cells per axis that a top cell of an adaptive grid has at most, unless said otherwise
-
-
-@dataclass(frozen=True)
-class GridSpec:
-    """Resolution of a two-level grid (paper, section 3: 8^3 and 128^3).
-
-    `top`: cells per axis of the first level. `leaf`: cells per axis of the second level, over the whole
-    scene (`reading='total'`) or inside every top cell (`reading='per-cell'`).
-
-    `reading='adaptive'`: every top cell has its own number of leaf cells. Then `top` counts the cells along the
-    longest axis, 0 for a number from the triangle count; `leaf`, a power of two, is the most leaf cells per axis in
-    a top cell; `density` is the number of leaf cells wanted per triangle of a top cell, None for the default.
-
-    `reading='auto'` (AUTO): an adaptive grid that a cost model chooses when scene, rays and device are known.
-    """
-
-    top: int = 8
-    leaf: int = 128
-    reading: str = "total"
-    density: float | None = None
-
-    @property
-    def leaf_per_top(self) -> int:
-        """Leaf cells per axis inside one top cell; the most, of an adaptive grid."""
-        return self.leaf // self.top if self.reading == "total" else self.leaf
-
-    @property
-    def resolution(self) -> int:
-        """Leaf cells per axis over the whole scene; 0 where that is known only when the grid is built."""
-        return self.top * self.leaf_per_top
-
-    def __str__(self) -> str:
-        if self.reading == "auto":
-            return "auto"
-        if self.reading == "adaptive":
-            shown = {"top": self.top or None, "leaf": self.leaf, "density": self.density}
-            shown["leaf"] = None if self.leaf == ADAPTIVE_LEAF else self.leaf
-            return " ".join(["adaptive", *(f"{key}={value:g}" for key, value in shown.items() if value is not None)])
-        return f"{self.top}/{self.leaf} {self.reading}"
-
-
-AUTO = GridSpec(top=0, leaf=0, reading="auto")
-
-
-def parse_grid(text: str) -> GridSpec:
-    """`8/128`, `8/128 per-cell`, `adaptive`, `adaptive density=0.3 top=64` or `auto` as a checked GridSpec."""
-    first, *fields = text.split() or [""]
-    if text.strip() == "auto":
-        return AUTO
-    if first == "adaptive":
-        return _parse_adaptive(text, fields)
-    match = re.fullmatch(r"(\d+)/(\d+)(?:\s+([a-z-]+))?", text.strip())
-    if not match:
-        raise DefrayError(
-            f"'{text}' is not a grid; write top/leaf and a reading, as in '8/128 total', or "
-            "'adaptive density=0.3', or 'auto'"
-        )
-    return check_grid(GridSpec(int(match[1]), int(match[2]), match[3] or "total"))
-
-
-def _parse_adaptive(text: str, fields: Sequence[str]) -> GridSpec:
-    kinds = {"top": int, "leaf": int, "density": float}
-    values: dict[str, Any] = {}
-    for field in fields:
-        key, _, value = field.partition("=")
-        try:
-            values[key] = kinds[key](value)
-        except (KeyError, ValueError):
-            raise DefrayError(f"'{field}' in '{text}' is not of the form top=N, leaf=N or density=X") from None
-    return make_grid(reading="adaptive", **values)
-
-
-def make_grid(
-    top: int | None = None,
-    leaf: int | None = None,
-    reading: str = "total",
-    density: float | None = None,
-    grid: str | None = None,
-) -> GridSpec:
-    """A checked GridSpec; what is None takes the default of the reading. `grid`: the same in one text, alone."""
-    if grid is not None:
-        if (top, leaf, reading, density) != (None, None, "total", None):
-            raise DefrayError(f"grid '{grid}' says all of --top, --leaf, --reading and --density; leave them out")
-        return parse_grid(grid)
-    usual = (0, ADAPTIVE_LEAF) if reading == "adaptive" else (8, 128)
-    return check_grid(
-        GridSpec(usual[0] if top is None else top, usual[1] if leaf is None else leaf, reading, density)
-    )
-
-
-READINGS = ("total", "per-cell", "adaptive")
 MOST_TOP = 256  # cells per axis of the first level, which is stored whole
 MOST_CELLS = 1 << 16  # leaf cells per axis; beyond, float32 cannot tell neighbours apart
 MOST_ADAPTIVE_TOP = 512  # top cells along the longest axis of an adaptive grid
+ADAPTIVE_LEAF = 16  # leaf cells per axis that a top cell of an adaptive grid has at most, unless said otherwise
 ADAPTIVE_LEAVES = (1, 2, 4, 8, 16, 32, 64, 128)
 MOST_DENSITY = 1000
 
 
-def check_grid(grid: GridSpec) -> GridSpec:
-    """`grid` itself; raises DefrayError for a resolution that makes no grid."""
-    if grid == AUTO:
-        return grid
-    if grid.reading not in READINGS:
-        raise known("reading", grid.reading, READINGS)
-    if grid.reading == "adaptive":
-        return _check_adaptive(grid)
-    if grid.density is not None:
-        raise DefrayError(f"a density belongs to reading 'adaptive', not to '{grid.reading}'")
-    if grid.top < 1 or grid.leaf < 1:
-        raise DefrayError(f"a grid needs at least one cell per axis, not {grid.top}/{grid.leaf}")
-    if grid.reading == "total" and grid.leaf % grid.top:
-        below, above = grid.leaf // grid.top * grid.top, (grid.leaf // grid.top + 1) * grid.top
-        fitting = f"{below} or {above}" if below else str(above)
+@dataclass(frozen=True)
+class StructureSpec:
+    """What is asked of a structure. `name`: of the structure that is built, as `harness.structures.find` knows it."""
+
+    name: ClassVar[str]
+
+    def to_json(self) -> dict[str, Any]:
+        """As records and ids hold it; `from_json` reads it back."""
+        raise NotImplementedError
+
+    @property
+    def leaf_cells_per_axis(self) -> int | None:
+        """Over the whole scene; None where that is known only when the structure is built."""
+        return None
+
+
+@dataclass(frozen=True)
+class Uniform(StructureSpec):
+    """A two-level grid of one resolution (paper, section 3: 8^3 and 128^3).
+
+    `top`: cells per axis of the first level. `leaf`: cells per axis of the second level, over the whole scene, or,
+    `per_cell`, inside every top cell. Raises DefrayError for a resolution that makes no grid.
+    """
+
+    name: ClassVar[str] = "uniform"
+    top: int = 8
+    leaf: int = 128
+    per_cell: bool = False
+
+    def __post_init__(self) -> None:
+        top, leaf = self.top, self.leaf
+        if top < 1 or leaf < 1:
+            raise DefrayError(f"a grid needs at least one cell per axis, not {top}/{leaf}")
+        if not self.per_cell and leaf % top:
+            below, above = leaf // top * top, (leaf // top + 1) * top
+            fitting = f"{below} or {above}" if below else str(above)
+            raise DefrayError(
+                f"leaf {leaf} is not a multiple of top {top}, as '{top}/{leaf}' needs; {fitting} would do"
+            )
+        if top > MOST_TOP:
+            raise DefrayError(f"a grid has at most {MOST_TOP} top cells per axis, not {top}")
+        if self.resolution > MOST_CELLS:
+            raise DefrayError(
+                f"grid {self} has {self.resolution} leaf cells per axis; at most {MOST_CELLS} make sense"
+            )
+
+    @property
+    def leaf_per_top(self) -> int:
+        """Leaf cells per axis inside one top cell."""
+        return self.leaf if self.per_cell else self.leaf // self.top
+
+    @property
+    def resolution(self) -> int:
+        """Leaf cells per axis over the whole scene."""
+        return self.top * self.leaf_per_top
+
+    @property
+    def leaf_cells_per_axis(self) -> int:
+        """As `resolution`."""
+        return self.resolution
+
+    @property
+    def reading(self) -> str:
+        """How the paper's 128 is read, as records say it."""
+        return "per-cell" if self.per_cell else "total"
+
+    def to_json(self) -> dict[str, Any]:
+        """`top`, `leaf` and `reading`."""
+        return {"top": self.top, "leaf": self.leaf, "reading": self.reading}
+
+    def __str__(self) -> str:
+        return f"{self.top}/{self.leaf} {self.reading}"
+
+
+@dataclass(frozen=True)
+class Adaptive(StructureSpec):
+    """A two-level grid in which every top cell has its own number of leaf cells.
+
+    `density`: leaf cells wanted per triangle of a top cell, None for the default. `top`: cells along the longest
+    axis, 0 for a number from the triangle count. `leaf`: the most leaf cells per axis in a top cell, a power of two.
+    Raises DefrayError for values outside their limits.
+    """
+
+    name: ClassVar[str] = "adaptive"
+    density: float | None = None
+    top: int = 0
+    leaf: int = ADAPTIVE_LEAF
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.top <= MOST_ADAPTIVE_TOP:
+            raise DefrayError(f"an adaptive grid has 0 (automatic) to {MOST_ADAPTIVE_TOP} top cells, not {self.top}")
+        if self.leaf not in ADAPTIVE_LEAVES:
+            allowed = ", ".join(map(str, ADAPTIVE_LEAVES))
+            raise DefrayError(f"leaf of an adaptive grid must be one of {allowed}, not {self.leaf}")
+        if self.density is not None and not 0 < self.density <= MOST_DENSITY:
+            raise DefrayError(f"density must be above 0 and at most {MOST_DENSITY}, not {self.density}")
+
+    def to_json(self) -> dict[str, Any]:
+        """As of a uniform grid, and `density` where it is given."""
+        found = {"top": self.top, "leaf": self.leaf, "reading": self.name}
+        return found if self.density is None else {**found, "density": self.density}
+
+    def __str__(self) -> str:
+        leaf = None if self.leaf == ADAPTIVE_LEAF else self.leaf
+        shown = {"top": self.top or None, "leaf": leaf, "density": self.density}
+        return " ".join([self.name, *(f"{key}={value:g}" for key, value in shown.items() if value is not None)])
+
+
+@dataclass(frozen=True)
+class Auto(StructureSpec):
+    """No structure yet: a cost model chooses one when scene, rays and device are known (harness/tuning)."""
+
+    name: ClassVar[str] = "auto"
+
+    def to_json(self) -> dict[str, Any]:
+        """Zeros, which no grid has."""
+        return {"top": 0, "leaf": 0, "reading": self.name}
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True)
+class Named(StructureSpec):
+    """Any other structure by its name, with options as text; the structure's own file validates them."""
+
+    name: str = ""  # type: ignore[misc]  # a field here: the name is what is asked for
+    options: tuple[tuple[str, str], ...] = field(default=())
+
+    def to_json(self) -> dict[str, Any]:
+        """`reading` is the name, beside the options."""
+        return {"reading": self.name, "options": dict(self.options)}
+
+    def __str__(self) -> str:
+        return " ".join([self.name, *(f"{key}={value}" for key, value in self.options)])
+
+
+AUTO = Auto()
+
+
+def parse_structure(text: str) -> StructureSpec:
+    """The spec that `text` says; raises DefrayError for what cannot be read or makes no sense."""
+    first, *fields = text.split() or [""]
+    if re.fullmatch(r"\d+/\d+", first) and (not fields or fields in (["total"], ["per-cell"])):
+        top, leaf = map(int, first.split("/"))
+        return Uniform(top, leaf, per_cell=fields == ["per-cell"])
+    if first == Auto.name and not fields:
+        return AUTO
+    if first == Adaptive.name:
+        return _parse_adaptive(text, fields)
+    if not re.fullmatch(r"[a-z][a-z0-9-]*", first) or first in (Auto.name, Uniform.name):
         raise DefrayError(
-            f"leaf {grid.leaf} is not a multiple of top {grid.top}, as reading 'total' needs; {fitting} would do"
+            f"'{text}' is not a structure; write top/leaf as in '8/128' or '8/128 per-cell', 'adaptive density=0.3', "
+            "'auto', or a structure's name"
         )
-    if grid.top > MOST_TOP:
-        raise DefrayError(f"a grid has at most {MOST_TOP} top cells per axis, not {grid.top}")
-    if grid.resolution > MOST_CELLS:
-        raise DefrayError(f"grid {grid} has {grid.resolution} leaf cells per axis; at most {MOST_CELLS} make sense")
-    return grid
+    pairs = [_key_value(text, part) for part in fields]
+    return Named(first, tuple(sorted(pairs)))
 
 
-def _check_adaptive(grid: GridSpec) -> GridSpec:
-    if not 0 <= grid.top <= MOST_ADAPTIVE_TOP:
-        raise DefrayError(f"an adaptive grid has 0 (automatic) to {MOST_ADAPTIVE_TOP} top cells, not {grid.top}")
-    if grid.leaf not in ADAPTIVE_LEAVES:
-        allowed = ", ".join(map(str, ADAPTIVE_LEAVES))
-        raise DefrayError(f"leaf of an adaptive grid must be one of {allowed}, not {grid.leaf}")
-    if grid.density is not None and not 0 < grid.density <= MOST_DENSITY:
-        raise DefrayError(f"density must be above 0 and at most {MOST_DENSITY}, not {grid.density}")
-    return grid
+def _parse_adaptive(text: str, fields: Sequence[str]) -> Adaptive:
+    kinds = {"top": int, "leaf": int, "density": float}
+    values: dict[str, Any] = {}
+    for part in fields:
+        key, _, value = part.partition("=")
+        try:
+            values[key] = kinds[key](value)
+        except (KeyError, ValueError):
+            raise DefrayError(f"'{part}' in '{text}' is not of the form top=N, leaf=N or density=X") from None
+    return Adaptive(**values)
+
+
+def _key_value(text: str, part: str) -> tuple[str, str]:
+    key, equals, value = part.partition("=")
+    if not (key and equals and value):
+        raise DefrayError(f"'{part}' in '{text}' is not of the form option=value")
+    return key, value
+
+
+def structure_from_json(value: Mapping[str, Any]) -> StructureSpec:
+    """The spec whose `to_json` is `value`; raises DefrayError."""
+    reading = value.get("reading", "total")
+    try:
+        if reading in ("total", "per-cell"):
+            return Uniform(value["top"], value["leaf"], per_cell=reading == "per-cell")
+        if reading == Auto.name:
+            return AUTO
+        if reading == Adaptive.name:
+            return Adaptive(value.get("density"), value["top"], value["leaf"])
+        return Named(str(reading), tuple(sorted(value.get("options", {}).items())))
+    except (KeyError, TypeError, AttributeError):
+        raise DefrayError(f"{dict(value)} is not a structure") from None
+
+
+def structure_spec(value: StructureSpec | str | Mapping[str, Any]) -> StructureSpec:
+    """A spec from what a user may say: a spec, its text, or its JSON; raises DefrayError."""
+    if isinstance(value, StructureSpec):
+        return value
+    return parse_structure(value) if isinstance(value, str) else structure_from_json(value)

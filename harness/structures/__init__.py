@@ -1,23 +1,43 @@
-"""What space is cut into; each structure builds itself and hands kernels its arguments."""
+"""What space is cut into: one structure a file, found by listing this folder and those of DEFRAY_EXTRA."""
 
 from __future__ import annotations
 
 from harness.errors import known
-from harness.spec.structure import GridSpec, check_grid
-from harness.structures.adaptive import build_adaptive
-from harness.structures.base import OVERLAPS, DeviceScene, Grid
-from harness.structures.uniform import build_uniform
+from harness.files import modules_of
+from harness.spec.structure import StructureSpec
+from harness.structures.base import OVERLAPS, Structure
+from harness.structures.device_scene import DeviceScene
 
 
-def build_grid(scene: DeviceScene, spec: GridSpec, binning: str = "padded") -> Grid:
-    """Build the grid; raises DefrayError for a bad resolution or one that needs too much memory.
+def _classes() -> dict[str, type[Structure]]:
+    found = (getattr(module, "STRUCTURE", None) for module in modules_of("structures"))
+    return {structure.name: structure for structure in found if structure}
 
-    `binning`: "padded", the default, is a closed separating-axis test with cells grown by PAD_ULP; "closed" the
+
+def names() -> list[str]:
+    """Names of all structures."""
+    return sorted(_classes())
+
+
+def find(name: str) -> type[Structure]:
+    """The structure called `name`; raises DefrayError listing the known ones."""
+    if name not in _classes():
+        raise known("structure", name, [*names(), "auto"])
+    return _classes()[name]
+
+
+def check_structure(spec: StructureSpec) -> StructureSpec:
+    """`spec` itself, its structure known and its options valid; raises DefrayError."""
+    find(spec.name).options(spec)
+    return spec
+
+
+def build(scene: DeviceScene, spec: StructureSpec, overlap: str = "padded") -> Structure:
+    """Build what `spec` asks for; raises DefrayError for a bad spec or one that needs too much memory.
+
+    `overlap`: "padded", the default, is a closed separating-axis test with cells grown by a few ulp; "closed" the
     same without, "open" with strict inequalities, "box" the bounding box rounded down. Only the first loses no ray.
     """
-    if binning not in OVERLAPS:
-        raise known("binning", binning, OVERLAPS)
-    check_grid(spec)
-    if spec.reading == "adaptive":
-        return build_adaptive(scene, spec, binning)
-    return build_uniform(scene, spec, binning)
+    if overlap not in OVERLAPS:
+        raise known("overlap test", overlap, OVERLAPS)
+    return find(spec.name).build(scene, spec, overlap)

@@ -16,14 +16,15 @@ from harness.device.primitives import number_scan, offsets
 from harness.device.program import build
 from harness.device.runtime import cl
 from harness.errors import DefrayError
-from harness.spec.structure import MOST_ADAPTIVE_TOP, GridSpec
-from harness.structures.base import (
-    OVERLAPS,
-    DeviceScene,
-    Grid,
+from harness.spec.structure import MOST_ADAPTIVE_TOP, Adaptive
+from harness.structures.base import Structure, WalkWork
+from harness.structures.device_scene import DeviceScene
+from harness.structures.grids import (
     divided_bounds,
     fill_cells,
+    grid_walk_work,
     memory_limit,
+    overlap_defines,
     pad_of,
     padded_bounds,
     vector,
@@ -33,26 +34,68 @@ TOP_DENSITY = 0.0625  # top cells per triangle
 DENSITY = 0.3  # leaf cells per triangle of a top cell, unless the spec says otherwise
 MOST_TOP_CELLS = 1 << 24
 MOST_LEAVES = 1 << 28  # a top cell's first leaf cell is kept in 28 bits
+STEP_FLOPS = 39  # three planes of three, sliding along the cube three of two, the box three of eight
 EMPTY = -(1 << 31)  # an empty cell's entry before its eight codes are written
 OCTANTS = 8
 UNUSED = 1 << 20  # farther than any cell
 
 
-@dataclass(frozen=True, eq=False)
-class AdaptiveGrid(Grid):
-    """Grid whose second level follows the scene.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AdaptiveGrid(Structure):
+    """A grid whose second level follows the scene.
 
-    `top_block` int32[x*y*z]: first leaf cell << 3 | level of a top cell with 2^level leaf cells per axis, or negative
-    where it is empty. `leaves` int32[cells*2]: a leaf cell's number among the non-empty ones, or negative, and the
-    box around what lies in it. Negative entries hold how far empty space goes, for each octant
-    (kernels/structures/adaptive_walk.clh). `cell_size`: of the finest level. `shape`: top cells along x, y, z, and
-    the finest level. `cells`: leaf cells of all top cells in use, `top_counts` int[blocks] the triangles of each.
+    `top_cells` int32[x*y*z]: first leaf cell << 3 | level of a top cell with 2^level leaf cells per axis, or negative
+    where it is empty. `leaves` int32[leaf_cells*2]: a leaf cell's number among the non-empty ones, or negative, and
+    the box around what lies in it. Negative entries hold how far empty space goes, for each octant
+    (kernels/structures/adaptive_walk.clh). `lower`, `cell_size`: float32[3], of the finest level. `shape`: top cells
+    along x, y, z, and the finest level. `blocks`: top cells in use, `leaf_cells` those of all of them, `top_counts`
+    int[blocks] the triangles of each.
     """
 
-    shape: tuple[int, int, int, int] = (1, 1, 1, 0)
-    density: float = DENSITY
-    cells: int = 0
-    top_counts: np.ndarray | None = None
+    name = Adaptive.name
+    header = "structures/adaptive_walk.clh"
+
+    spec: Adaptive
+    lower: np.ndarray
+    cell_size: np.ndarray
+    top_cells: cl.array.Array
+    leaves: cl.array.Array
+    blocks: int
+    shape: tuple[int, int, int, int]
+    density: float
+    leaf_cells: int
+    top_counts: np.ndarray
+
+    @classmethod
+    def build(cls, scene: DeviceScene, spec: Adaptive, overlap: str = "padded") -> AdaptiveGrid:
+        """Build the grid; raises DefrayError for one that needs too much memory."""
+        started = time.perf_counter()
+        builder = _AdaptiveBuilder(scene, spec, overlap)
+        counts = builder.list_by_top_cell()
+        top_cells = builder.choose_levels(counts)
+        leaves, nonempty = builder.list_by_leaf_cell(top_cells)
+        entries = builder.reference_cell, builder.reference_primitive
+        cell_start, references = fill_cells(scene, builder.program, entries, builder.references, leaves, nonempty)
+        builder.code_empty_leaves(top_cells, leaves)
+        leaves = builder.bound_cells(top_cells, leaves, cell_start, references)
+        scene.device.queue.finish()
+        return cls(
+            spec=spec,
+            lower=builder.lower,
+            cell_size=builder.cell_size,
+            top_cells=top_cells,
+            leaves=leaves,
+            cell_start=cell_start,
+            references=references,
+            blocks=builder.blocks,
+            nonempty=nonempty,
+            build_seconds=time.perf_counter() - started,
+            overlap=overlap,
+            shape=tuple(int(v) for v in builder.shape),
+            density=builder.density,
+            leaf_cells=builder.cells,
+            top_counts=counts[counts > 0],
+        )
 
     @functools.cached_property
     def counted(self) -> tuple[np.ndarray, np.ndarray]:
@@ -60,24 +103,38 @@ class AdaptiveGrid(Grid):
         return np.unique(self.top_counts, return_counts=True)
 
     @property
-    def table_bytes(self) -> int:
-        """Of the tables of both levels, which a walk reads."""
-        return table_bytes(self.top_block.nbytes, self.cells)
-
-    @property
     def arguments(self) -> tuple:
-        """The grid as kernel arguments, in the order of GRID_ARGUMENTS."""
-        return *super().arguments, np.array(self.shape, np.int32)
+        """Tables of both levels, lower corner, cells per scene unit, shape."""
+        box = vector(self.lower), vector(1 / self.cell_size)
+        return self.top_cells, self.leaves, *box, np.array(self.shape, np.int32)
 
     @property
-    def defines(self) -> dict[str, int]:
-        """Compile-time shape of the walk: the same for all adaptive grids."""
-        return {"ADAPTIVE": 1}
+    def table_bytes(self) -> int:
+        """Of the tables of both levels."""
+        return table_bytes(self.top_cells.nbytes, self.leaf_cells)
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of all arrays."""
+        return sum(array.nbytes for array in (self.top_cells, self.leaves, self.cell_start, self.references))
+
+    @property
+    def walk_work(self) -> WalkWork:
+        """An entry of the first level, and of the second a leaf cell's number and box."""
+        return grid_walk_work(STEP_FLOPS, self.top_cells.nbytes, self.leaves.nbytes)
+
+    @property
+    def most_cells_met(self) -> int:
+        """A ray crosses each plane of the finest level once at most."""
+        return sum(self.shape[:3]) << self.shape[3]
 
     def describe(self) -> dict:
-        """The `grid` part of a record."""
-        found = {"top": max(self.shape[:3]), "cells": self.cells, "density": self.density}
+        """As of any structure, with the numbers of top cells that the scene has led to."""
+        found = {"top": max(self.shape[:3]), "cells": self.leaf_cells, "density": self.density}
         return {**super().describe(), **found, "resolution": list(self.shape[:3])}
+
+
+STRUCTURE = AdaptiveGrid
 
 
 def table_bytes(top_bytes: int, cells: float) -> float:
@@ -103,41 +160,10 @@ def levels_of(counts: np.ndarray, density: float, finest: int) -> np.ndarray:
     return np.clip(np.rint(wanted), 0, finest).astype(np.int64)
 
 
-def build_adaptive(scene: DeviceScene, spec: GridSpec, binning: str = "padded") -> AdaptiveGrid:
-    """Build the grid; raises DefrayError for one that needs too much memory. `binning` as in `grid.build_grid`."""
-    started = time.perf_counter()
-    builder = _Builder(scene, spec, binning)
-    counts = builder.list_by_top_cell()
-    top_cells = builder.choose_levels(counts)
-    leaves, nonempty = builder.list_by_leaf_cell(top_cells)
-    entries = builder.reference_cell, builder.reference_primitive
-    cell_start, references = fill_cells(scene, builder.program, entries, builder.references, leaves, nonempty)
-    builder.code_empty_leaves(top_cells, leaves)
-    leaves = builder.bound_cells(top_cells, leaves, cell_start, references)
-    scene.device.queue.finish()
-    return AdaptiveGrid(
-        spec=spec,
-        lower=builder.lower,
-        cell_size=builder.cell_size,
-        top_block=top_cells,
-        leaves=leaves,
-        cell_start=cell_start,
-        references=references,
-        blocks=builder.blocks,
-        nonempty=nonempty,
-        build_seconds=time.perf_counter() - started,
-        binning=binning,
-        shape=tuple(int(v) for v in builder.shape),
-        density=builder.density,
-        cells=builder.cells,
-        top_counts=counts[counts > 0],
-    )
-
-
-class _Builder:
+class _AdaptiveBuilder:
     """Arrays that live from one step of the build to the next."""
 
-    def __init__(self, scene: DeviceScene, spec: GridSpec, binning: str):
+    def __init__(self, scene: DeviceScene, spec: Adaptive, overlap: str):
         self.scene, self.spec, self.device, self.queue = scene, spec, scene.device, scene.device.queue
         self.density = DENSITY if spec.density is None else spec.density
         extent = padded_bounds(scene)[1]
@@ -146,11 +172,15 @@ class _Builder:
             raise DefrayError(f"grid {spec} has {self.tops.prod():,} top cells; at most {MOST_TOP_CELLS:,} do")
         self.shape = np.array([*self.tops, self.finest], np.int32)
         self.lower, self.cell_size = divided_bounds(scene, self.tops << self.finest)
-        defines, self.pad = {"ADAPTIVE": 1}, pad_of(extent.max(), self.cell_size)
-        if binning != "padded":
-            defines["BINNING"], self.pad = OVERLAPS.index(binning), vector(np.zeros(3))
+        defines, self.pad = overlap_defines(overlap, pad_of(extent.max(), self.cell_size))
         self.cells = 0
-        self.program = build(self.device, "structures/adaptive_build.cl", "structures/cells.cl", defines=defines)
+        self.program = build(
+            self.device,
+            "structures/adaptive_build.cl",
+            "structures/cells.cl",
+            structure=AdaptiveGrid.header,
+            defines=defines,
+        )
 
     def _triangle_arguments(self) -> tuple:
         return self.scene.triangles, vector(self.lower), vector(1 / self.cell_size), self.pad, self.shape

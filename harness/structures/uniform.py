@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,43 +13,44 @@ from harness.device.primitives import exclusive_scan, rank_scan
 from harness.device.program import Program, build
 from harness.device.runtime import cl
 from harness.errors import DefrayError
-from harness.spec.structure import GridSpec
-from harness.structures.base import (
-    OVERLAPS,
-    DeviceScene,
-    Grid,
+from harness.spec.structure import Uniform
+from harness.structures.base import Structure, WalkWork
+from harness.structures.device_scene import DeviceScene
+from harness.structures.grids import (
     divided_bounds,
     fill_cells,
+    grid_walk_work,
     memory_limit,
+    overlap_defines,
     pad_of,
     vector,
-    walk_defines,
 )
 
 BRICK = (4, 4, 2)  # leaf cells that share one word of occupancy bits
+STEP_FLOPS = 9  # three planes of three
 FINE = 1024  # leaf cells per axis from which on the size is estimated before building
 
 
-def auto_spec(triangles: int) -> GridSpec:
+def auto_spec(triangles: int) -> Uniform:
     """A total resolution for a scene of that many triangles: the power of two nearest to cbrt(5 N) an axis.
 
     5 cells a triangle is the density of Kalojanov & Slusallek 2009 for one uniform level.
     """
     leaf = 2 ** max(3, round(math.log2(max(triangles, 1) * 5) / 3))
-    return GridSpec(top=8, leaf=min(leaf, 1024), reading="total")
+    return Uniform(8, min(leaf, 1024))
 
 
-def grid_box(scene: DeviceScene, spec: GridSpec) -> tuple[np.ndarray, np.ndarray]:
+def grid_box(scene: DeviceScene, spec: Uniform) -> tuple[np.ndarray, np.ndarray]:
     """Lower corner and cell size, float32[3] each: the scene's bounds and a margin."""
     return divided_bounds(scene, spec.resolution)
 
 
-def pad_cells(spec: GridSpec, cell_size: np.ndarray) -> np.ndarray:
+def pad_cells(spec: Uniform, cell_size: np.ndarray) -> np.ndarray:
     """`pad_of` a grid of one leaf resolution."""
     return pad_of(spec.resolution * float(cell_size.max()), cell_size)
 
 
-def check_size(scene: DeviceScene, spec: GridSpec) -> None:
+def check_size(scene: DeviceScene, spec: Uniform) -> None:
     """Refuse a fine grid that cannot fit, before the work of finding out; raises DefrayError with a remedy.
 
     Lower bounds: a triangle overlaps at least as many cells as its projection along an axis covers squares, and a
@@ -75,43 +77,102 @@ def check_size(scene: DeviceScene, spec: GridSpec) -> None:
         )
 
 
-def build_uniform(scene: DeviceScene, spec: GridSpec, binning: str = "padded") -> Grid:
-    """Build the grid; raises DefrayError for one that needs too much memory."""
-    check_size(scene, spec)
-    started = time.perf_counter()
-    builder = _Builder(scene, spec, binning)
-    top_block = builder.count_references()
-    bricks, nonempty = builder.emit_references(top_block)
-    entries = builder.entry_cell, builder.entry_primitive
-    cell_start, references = fill_cells(scene, builder.program, entries, builder.references, bricks, nonempty)
-    scene.device.queue.finish()
-    return Grid(
-        spec=spec,
-        lower=builder.lower,
-        cell_size=builder.cell_size,
-        top_block=top_block,
-        leaves=bricks,
-        cell_start=cell_start,
-        references=references,
-        blocks=builder.blocks,
-        nonempty=nonempty,
-        build_seconds=time.perf_counter() - started,
-        binning=binning,
-    )
+@dataclass(frozen=True, eq=False, kw_only=True)
+class UniformGrid(Structure):
+    """The two-level grid of one resolution.
+
+    `top_block` int32[top^3], -1 where a top cell is empty; `leaves` uint32[b,2], occupancy bits of bricks of 4x4x2
+    leaf cells and the number of non-empty cells before them. `lower`, `cell_size`: float32[3]. `blocks`: top cells in
+    use.
+    """
+
+    name = Uniform.name
+    header = "structures/uniform_walk.clh"
+
+    spec: Uniform
+    lower: np.ndarray
+    cell_size: np.ndarray
+    top_block: cl.array.Array
+    leaves: cl.array.Array
+    blocks: int
+
+    @classmethod
+    def build(cls, scene: DeviceScene, spec: Uniform, overlap: str = "padded") -> UniformGrid:
+        """Build the grid; raises DefrayError for one that needs too much memory."""
+        check_size(scene, spec)
+        started = time.perf_counter()
+        builder = _UniformBuilder(scene, spec, overlap)
+        top_block = builder.count_references()
+        bricks, nonempty = builder.emit_references(top_block)
+        entries = builder.entry_cell, builder.entry_primitive
+        cell_start, references = fill_cells(scene, builder.program, entries, builder.references, bricks, nonempty)
+        scene.device.queue.finish()
+        return cls(
+            spec=spec,
+            lower=builder.lower,
+            cell_size=builder.cell_size,
+            top_block=top_block,
+            leaves=bricks,
+            cell_start=cell_start,
+            references=references,
+            blocks=builder.blocks,
+            nonempty=nonempty,
+            build_seconds=time.perf_counter() - started,
+            overlap=overlap,
+        )
+
+    @property
+    def arguments(self) -> tuple:
+        """Tables of both levels, lower corner, cells per scene unit."""
+        return self.top_block, self.leaves, vector(self.lower), vector(1 / self.cell_size)
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """The resolution, fixed when kernels are built."""
+        return walk_defines(self.spec)
+
+    @property
+    def table_bytes(self) -> int:
+        """Of the tables of both levels."""
+        return self.top_block.nbytes + self.leaves.nbytes
+
+    @property
+    def walk_work(self) -> WalkWork:
+        """An entry of the first level, and of the second a brick."""
+        return grid_walk_work(STEP_FLOPS, self.top_block.nbytes, self.leaves.nbytes)
+
+    @property
+    def most_cells_met(self) -> int:
+        """A ray crosses each plane of the grid once at most."""
+        return 3 * self.spec.resolution
+
+    def describe(self) -> dict:
+        """As of any structure; `cells` are the leaf cells of all top cells in use."""
+        return {**super().describe(), "cells": self.blocks * self.spec.leaf_per_top**3}
 
 
-class _Builder:
+STRUCTURE = UniformGrid
+
+
+def walk_defines(spec: Uniform) -> dict[str, int]:
+    """Definitions that fix the walk to one grid resolution."""
+    return {"TOP": spec.top, "LEAF_PER_TOP": spec.leaf_per_top}
+
+
+class _UniformBuilder:
     """Arrays that live from one step of the build to the next."""
 
-    def __init__(self, scene: DeviceScene, spec: GridSpec, binning: str):
+    def __init__(self, scene: DeviceScene, spec: Uniform, overlap: str):
         self.scene, self.spec, self.device = scene, spec, scene.device
         self.queue = scene.device.queue
         self.lower, self.cell_size = grid_box(scene, spec)
-        defines, self.pad = walk_defines(spec), pad_cells(spec, self.cell_size)
-        if binning != "padded":
-            defines["BINNING"], self.pad = OVERLAPS.index(binning), vector(np.zeros(3))
+        chosen, self.pad = overlap_defines(overlap, pad_cells(spec, self.cell_size))
         self.program: Program = build(
-            scene.device, "structures/uniform_build.cl", "structures/cells.cl", defines=defines
+            scene.device,
+            "structures/uniform_build.cl",
+            "structures/cells.cl",
+            structure=UniformGrid.header,
+            defines=walk_defines(spec) | chosen,
         )
         self.blocks = 0
         self.references = 0
@@ -178,7 +239,7 @@ def rank_bricks(device: Device, occupancy: cl.array.Array) -> tuple[cl.array.Arr
     return bricks, int(total.get()[0])
 
 
-def bricks_per_block(spec: GridSpec) -> int:
+def bricks_per_block(spec: Uniform) -> int:
     """Words of occupancy of one block."""
     per_axis = [-(-spec.leaf_per_top // size) for size in BRICK]
     return per_axis[0] * per_axis[1] * per_axis[2]

@@ -6,8 +6,6 @@ at edges and vertices, of which it must let none through.
 
 from __future__ import annotations
 
-import dataclasses
-import random
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -15,7 +13,6 @@ import numpy as np
 
 from harness import stats, tracers
 from harness.data import Hits, Rays
-from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError, known
 from harness.inputs.aimed_rays import AimedRays, aimed_rays, leaked
 from harness.measure.group import scene_facts
@@ -26,14 +23,13 @@ from harness.reference.check import Agreement
 from harness.reference.errors_of_t import diagonal_of, distance_rmse, residual_p99
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import StructureSpec, Uniform
 from harness.structures.base import OVERLAPS
-from harness.tracers import check_variant, needs_grid
+from harness.tracers import check_variant, needs_structure
 from harness.tracers.base import Tracer
 from harness.tracers.forward import EXITS
 
-PAPER_GRID = GridSpec(8, 128, "total")
+PAPER_GRID = Uniform(8, 128)
 SEED = 1  # of both sets of rays
 AIMED_BLOCK = 1 << 16  # aimed rays traced before the leaks are counted
 ENOUGH_LEAKS = 1000  # a variant that has let so many through is given no more: its rate is known to 6 %
@@ -56,11 +52,11 @@ class Contender:
         if options.get("contraction") == "off":
             del options["contraction"]
         variant = check_variant(variant.model_copy(update={"options": options}))
-        if binning and not needs_grid(variant):
+        if binning and not needs_structure(variant):
             raise DefrayError(f"tracer '{variant.tracer}' uses no grid; leave binning={binning} out")
         if binning and binning not in OVERLAPS:
             raise known("binning", binning, OVERLAPS)
-        return cls(variant, (binning or OVERLAPS[0]) if needs_grid(variant) else None)
+        return cls(variant, (binning or OVERLAPS[0]) if needs_structure(variant) else None)
 
     def __str__(self) -> str:
         named = {"binning": self.binning} if self.binning not in (None, OVERLAPS[0]) else {}
@@ -80,11 +76,21 @@ class Plan:
     rays: int = 100_000
     aimed: int = 1_000_000
     repetitions: int = 5
-    grid: GridSpec = PAPER_GRID
+    structure: StructureSpec = PAPER_GRID
+
+    def to_json(self) -> dict:
+        """As ids hold it."""
+        counts = {"rays": self.rays, "aimed": self.aimed, "repetitions": self.repetitions}
+        return {**counts, "grid": stored_structure(self.structure)}
 
     def id_of(self, scene: str, contender: Contender | str) -> str:
         """The id of the row that measures `contender` on the scene or mesh file `scene` by this plan."""
-        return identity(scene=scene, variant=str(contender), plan=dataclasses.asdict(self), seed=SEED)
+        return identity(scene=scene, variant=str(contender), plan=self.to_json(), seed=SEED)
+
+
+def stored_structure(spec: StructureSpec) -> dict:
+    """A structure as rows of accuracy hold it: with a density, None where it has none."""
+    return {"density": None} | spec.to_json()
 
 
 def default_contenders(device) -> list[Contender]:
@@ -123,22 +129,18 @@ class AccuracyGroup:
         tell("aimed rays", 0.02)
         self.aimed = aimed_rays(shared.scene, plan.aimed, SEED, shared.embree)
         tell("grids", 0.1)
-        self._settings = {None: shared.setting}
+        self._prepared = {None: shared.prepared}
         for binning in {contender.binning: None for contender in contenders if contender.binning}:
-            grid = build_grid(shared.setting.device_scene, plan.grid, binning=binning)
-            self._settings[binning] = dataclasses.replace(shared.setting, grid=grid)
+            self._prepared[binning] = shared.prepared.with_structure(plan.structure, binning)
         self.entries = [_Entry(contender, self._open(contender)) for contender in contenders]
 
     def _open(self, contender: Contender) -> Tracer:
-        kind = tracers.find(contender.variant.tracer)
-        test = intersectors.find(contender.variant.intersector) if kind.needs_intersector else None
-        return kind(self._settings[contender.binning], test, contender.variant.options)
+        return tracers.open_tracer(self._prepared[contender.binning], contender.variant)
 
     def trace(self, entry: _Entry, rays: Rays) -> tuple[Hits, float]:
         """Hits and seconds of one repetition."""
-        watch = Stopwatch(self.device.queue if entry.tracer.needs_device else None)
-        hits = entry.tracer.trace(rays, watch)
-        return hits, watch.seconds["total"]
+        hits, seconds = entry.tracer.timed(rays)
+        return hits, seconds["total"]
 
     def warm_up(self) -> None:
         """Compile and run every kernel."""
@@ -148,15 +150,11 @@ class AccuracyGroup:
 
     def time(self) -> None:
         """Trace the diffuse rays, repetition after repetition, the contenders of each in random order."""
-        generator, turns = random.Random(SEED), self.plan.repetitions
-        for turn in range(turns):
-            order = list(self.entries)
-            generator.shuffle(order)
-            for place, entry in enumerate(order):
-                done = 0.35 + 0.35 * (turn + place / len(order)) / turns
-                self.tell(f"{entry.contender}, repetition {turn + 1} of {turns}", done)
-                entry.hits, seconds = self.trace(entry, self.rays)
-                entry.seconds.append(seconds)
+        turns = self.plan.repetitions
+        for turn, share, entry in stats.interleaved(self.entries, turns, SEED):
+            self.tell(f"{entry.contender}, repetition {turn + 1} of {turns}", 0.35 + 0.35 * (turn + share) / turns)
+            entry.hits, seconds = self.trace(entry, self.rays)
+            entry.seconds.append(seconds)
 
     def judge(self, entry: _Entry, done: float) -> None:
         """Count the aimed rays that a contender lets through, and compare its diffuse hits with the reference."""
@@ -196,7 +194,7 @@ class AccuracyGroup:
                 "intersector": variant.intersector,
                 "contraction": contender.contraction,
                 "options": variant.options,
-                "grid": dataclasses.asdict(self.plan.grid) if contender.binning else None,
+                "grid": stored_structure(self.plan.structure) if contender.binning else None,
                 "binning": contender.binning,
                 "rays": {"kind": self.rays.kind, "count": count, "seed": SEED},
                 "repetitions": self.plan.repetitions,

@@ -13,7 +13,6 @@ trip of a loop after the other:
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -55,13 +54,13 @@ class Sequences:
         return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
 
 
-def record_sequences(setting: Prepared, intersector, rays: Rays, wave: int) -> Sequences:
+def record_sequences(prepared: Prepared, intersector, rays: Rays, wave: int) -> Sequences:
     """The steps of all rays, best hits deciding after every `wave` non-empty cells; the same bits on any device."""
     # Figures read counts without OpenCL.
-    tracer = Forward(setting, intersector, {"lanes": "1"})
-    queue, grid, batch = setting.device.queue, setting.grid, Batch(setting.device, rays)
+    tracer = Forward(prepared, intersector, {"lanes": "1"})
+    queue, grid, batch = prepared.device.queue, prepared.structure, Batch(prepared.device, rays)
     tracer.start(batch)
-    program = tracer.program("studies/steps.cl", grid=True)
+    program = tracer.program("studies/steps.cl", walks=True)
     steps = cl.array.zeros(queue, batch.count, np.int32)
     none = cl.array.zeros(queue, 1, np.int32), cl.array.zeros(queue, 1, np.uint64)
     inputs = (
@@ -259,18 +258,18 @@ def measure_coherence(specs: list, wave: int, device) -> dict:
     """
     group = Group(specs, device, lambda _: None)
     forward, deferred = map(group.open_run, specs)
-    intersector, setting = forward.tracer.intersector, group.setting
-    lists = lists_of(setting.grid, intersector.bytes)
+    intersector, prepared = forward.tracer.intersector, group.prepared
+    lists = lists_of(prepared.structure, intersector.bytes)
     counts = []
     for run, length in ((forward, 1), (deferred, wave)):
-        sequences = record_sequences(setting, intersector, group.rays, length)
+        sequences = record_sequences(prepared, intersector, group.rays, length)
         compare_counts(sequences, lists, run.tracer.count(group.rays), str(run.spec.variant))
         for lanes in WIDTHS:
             if run is forward:
                 counts.append(forward_coherence(sequences, lists, lanes))
             else:
                 counts += deferred_coherence(sequences, lists, lanes)
-    spec = dataclasses.asdict(specs[0].grid)
+    spec = {"density": None} | specs[0].structure.to_json()
     facts = {"scene": specs[0].scene, "rays": len(group.rays), "kind": group.rays.kind, "seed": group.rays.seed}
     return {
         "schema": SCHEMA,
@@ -278,7 +277,7 @@ def measure_coherence(specs: list, wave: int, device) -> dict:
         "scene": scene_facts(group.shared.scene),
         "intersector": intersector.name,
         "wave": wave,
-        "grid": setting.grid.describe(),
+        "grid": prepared.structure.describe(),
         "rays": {"kind": group.rays.kind, "count": len(group.rays), "seed": group.rays.seed},
         "counts": [one.as_dict() for one in counts],
     }

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from harness import stats, tracers
+from harness import stats
 from harness.data import Hits, Rays, Scene
 from harness.device.stopwatch import Stopwatch
 from harness.inputs.rays import bounce, find_view, image_rays, primary_rays
@@ -20,10 +19,9 @@ from harness.reference.errors_of_t import diagonal_of, distance_rmse
 from harness.reference.exact import zero_area
 from harness.spec import intersectors
 from harness.spec.run_spec import Variant
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import Uniform
 from harness.studies.errors_and_leaks import Tell
-from harness.tracers import check_variant
+from harness.tracers import check_variant, open_tracer
 from harness.tracers.base import Tracer
 from harness.tracers.prepared import Prepared
 
@@ -71,14 +69,11 @@ def measure_precision(
     primary = primary_rays(find_view(shared.scene, None), rays, SEED)
     for place, entry in enumerate(entries):
         tell(f"{entry.knob} {entry.value}, warm-up", 0.2 * place / len(entries))
-        study.trace(entry, primary)
-    generator = random.Random(SEED)
-    for turn in range(repetitions):
-        generator.shuffle(entries)
-        for entry in entries:
-            tell(f"{entry.knob} {entry.value}, repetition {turn + 1}", 0.2 + 0.3 * turn / repetitions)
-            entry.hits, seconds = study.trace(entry, primary)
-            entry.seconds.append(seconds)
+        entry.tracer.timed(primary)
+    for turn, share, entry in stats.interleaved(entries, repetitions, SEED):
+        tell(f"{entry.knob} {entry.value}, repetition {turn + 1}", 0.2 + 0.3 * (turn + share) / repetitions)
+        entry.hits, seconds = entry.tracer.timed(primary)
+        entry.seconds.append(seconds["total"])
     tell("ambient occlusion", 0.5)
     image_error, samples = study.images(tell)
     checker = Checker(shared.scene.triangles, primary, active=shared.active)
@@ -99,16 +94,16 @@ class _Study:
 
     def __init__(self, shared: SharedScene, device):
         self.scene, self.device, self.active = shared.scene, device, shared.active
-        self.full = shared.setting
+        self.full = shared.prepared
         rough = half_precision(shared.scene.triangles)
         active = ~zero_area(rough)
         self.half = Prepared.on_device(replace(shared.scene, triangles=rough), device, active)
         self.variant = check_variant(Variant(tracer="deferred"))
 
-    def tracer(self, setting: Prepared, leaf: int = USUAL, intersector: str | None = None) -> Tracer:
+    def tracer(self, prepared: Prepared, leaf: int = USUAL, intersector: str | None = None) -> Tracer:
         """The default tracer on a grid of `leaf` cells an axis."""
-        setting = replace(setting, grid=build_grid(setting.device_scene, GridSpec(8, leaf)))
-        return tracers.find("deferred")(setting, intersectors.find(intersector or self.variant.intersector), {})
+        variant = self.variant.model_copy(update={"intersector": intersector or self.variant.intersector})
+        return open_tracer(prepared.with_structure(Uniform(8, leaf)), variant)
 
     def entries(self) -> list[_Entry]:
         """Every value of the knobs `grid` and `precision`."""
@@ -122,15 +117,6 @@ class _Study:
             found.append(_Entry("precision", "double", f"deferred:{DOUBLE}", self.tracer(self.full, USUAL, DOUBLE)))
         self.of_full, self.of_half = found[len(RESOLUTIONS) + 1].tracer, found[len(RESOLUTIONS)].tracer
         return found
-
-    def trace(self, entry: _Entry, rays: Rays) -> tuple[Hits, float]:
-        """Hits and seconds of one repetition."""
-        return self._timed(entry.tracer, rays)
-
-    def _timed(self, tracer: Tracer, rays: Rays) -> tuple[Hits, float]:
-        watch = Stopwatch(self.device.queue)
-        hits = tracer.trace(rays, watch)
-        return hits, watch.seconds["total"]
 
     def row(self, knob: str, value: str, variant: str, rays: int, seconds: list[float]) -> dict:
         """What every row has."""
@@ -174,7 +160,7 @@ class _Study:
         """float64[n]: share of occlusion rays that reach nothing; the seconds they took; checked hits that differ."""
         free, cast, seconds, differ = np.zeros(len(primary)), np.zeros(len(primary)), 0.0, 0
         for first in range(0, len(turns), TOGETHER):
-            scene: Scene = tracer.setting.scene
+            scene: Scene = tracer.prepared.scene
             parts = [
                 bounce(scene, primary, primitive, "ambient-occlusion", SEED, turn)
                 for turn in turns[first : first + TOGETHER]
@@ -185,12 +171,12 @@ class _Study:
             )
             pixels = np.concatenate([whose for _, whose in parts])
             rays = Rays(*columns, "ambient-occlusion", SEED)
-            hits, time = self._timed(tracer, rays)
+            hits, taken = tracer.timed(rays)
             if check:
                 differ += differing(Checker(scene.triangles, rays, active=self.active).check(hits))
             free += np.bincount(pixels[hits.primitive < 0], minlength=len(primary))
             cast += np.bincount(pixels, minlength=len(primary))
-            seconds += time
+            seconds += taken["total"]
         return np.divide(free, cast, out=np.ones_like(free), where=cast > 0), seconds, differ
 
 

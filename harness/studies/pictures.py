@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,13 +11,10 @@ from PIL import Image
 
 from harness import tracers
 from harness.data import Hits, Rays, View
-from harness.device.stopwatch import Stopwatch
 from harness.inputs.rays import bounce, image_rays
 from harness.inputs.scenes import is_real, stand_in_scene
 from harness.measure.scene import shared_scene
-from harness.spec.intersectors import find
 from harness.spec.run_spec import split_size
-from harness.structures import build_grid
 from harness.structures.uniform import auto_spec
 from harness.tracers.prepared import Prepared
 from scenes import recipes
@@ -34,14 +30,13 @@ STAND_IN = "-stand-in.png"  # ends the name of the picture of a real scene's sta
 class Renderer:
     """A scene ready to be rendered, on a device."""
 
-    def __init__(self, setting: Prepared):
-        grid = build_grid(setting.device_scene, auto_spec(len(setting.scene)))
-        self.setting = replace(setting, grid=grid)
-        self.tracer = tracers.find("deferred")(self.setting, find("ray-space"), {})
+    def __init__(self, prepared: Prepared):
+        self.prepared = prepared.with_structure(auto_spec(len(prepared.scene)))
+        self.tracer = tracers.open_tracer(self.prepared, "deferred")
 
     def trace(self, rays: Rays) -> Hits:
         """First hits by the deferred tracer."""
-        return self.tracer.trace(rays, Stopwatch(self.setting.device.queue))
+        return self.tracer.timed(rays)[0]
 
     def render(self, view: View, width: int = WIDTH, height: int = HEIGHT, samples: int = SAMPLES) -> np.ndarray:
         """Grey image uint8[height,width]: the share of open sky near each point, darker where it turns away."""
@@ -59,14 +54,14 @@ class Renderer:
         """float64[n]: occlusion rays that reach nothing, over all."""
         free, cast = np.zeros(len(primary)), np.zeros(len(primary))
         for turn in range(samples):
-            rays, pixels = bounce(self.setting.scene, primary, primitive, "ambient-occlusion", SEED, turn)
+            rays, pixels = bounce(self.prepared.scene, primary, primitive, "ambient-occlusion", SEED, turn)
             free[pixels] += self.trace(rays).primitive < 0
             cast[pixels] += 1
         return np.divide(free, cast, out=np.ones_like(free), where=cast > 0)
 
     def _facing(self, primary: Rays, primitive: np.ndarray) -> np.ndarray:
         """float64[n]: cosine between the surface and the eye."""
-        corners = self.setting.scene.triangles[primitive].astype(np.float64)
+        corners = self.prepared.scene.triangles[primitive].astype(np.float64)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         along = np.abs(np.einsum("ij,ij->i", normal, primary.directions.astype(np.float64)))
         return along / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
@@ -83,7 +78,7 @@ def write_views(folder: Path, scenes: dict[str, str], device) -> list[Path]:
     for name, found_by in scenes.items():
         if split_size(name)[1] != "1":
             continue  # a rung of the size ladder looks as its full scene does
-        written += _write(folder / f"{name}.png", lambda found_by=found_by: shared_scene(found_by, device).setting)
+        written += _write(folder / f"{name}.png", lambda found_by=found_by: shared_scene(found_by, device).prepared)
         recipe = recipes().get(name)
         if recipe and recipe.stand_in and is_real(recipe):
             stand_in = partial(stand_in_scene, recipe)
@@ -95,8 +90,8 @@ def _write(file: Path, setting_of: Callable[[], Prepared]) -> list[Path]:
     """Render one picture unless it exists; the files written."""
     if file.is_file():
         return []
-    setting = setting_of()
+    prepared = setting_of()
     part = file.with_suffix(".part")
-    Image.fromarray(Renderer(setting).render(setting.scene.views[0])).save(part, format="png")
+    Image.fromarray(Renderer(prepared).render(prepared.scene.views[0])).save(part, format="png")
     part.replace(file)
     return [file]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +13,13 @@ from harness import tracers
 from harness.data import Scene
 from harness.device.machine import machine_description
 from harness.device.opened import Device, open_device
-from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
 from harness.inputs.aimed_rays import AimedRays, aimed_rays, leaked
 from harness.measure.scene import SharedScene, shared_scene
 from harness.records.accuracy_row import accuracy_file
 from harness.records.origin import latest_rows, source_of
-from harness.spec import intersectors
-from harness.spec.structure import GridSpec
+from harness.spec.structure import structure_from_json
 from harness.stats import rate_bound
-from harness.structures import build_grid
 from harness.studies.errors_and_leaks import AIMED_BLOCK, SEED, Contender, Plan, default_contenders, measure_accuracy
 
 FOLDERS = ("results/out", "results/reference/*")  # where rows are looked for
@@ -184,7 +181,7 @@ class Deeper:
     def __init__(self, scene: str, limits: Limits, device: Device, note: Say):
         self.scene, self.limits, self.device, self._note = scene, limits, device, note
         self._pieces: list[AimedRays] = []
-        self._settings: dict = {}
+        self._prepared: dict = {}
 
     @property
     def shared(self) -> SharedScene:
@@ -214,8 +211,7 @@ class Deeper:
         counts = np.zeros(4, np.int64)
         for first in range(0, min(len(piece), wanted), AIMED_BLOCK):
             block = piece[first : min(first + AIMED_BLOCK, wanted)]
-            watch = Stopwatch(self.device.queue if tracer.needs_device else None)
-            through = leaked(tracer.trace(block.rays, watch))
+            through = leaked(tracer.timed(block.rays)[0])
             counts += [len(block), through.sum(), block.at_vertex.sum(), (through & block.at_vertex).sum()]
             if through.any():
                 break
@@ -223,18 +219,15 @@ class Deeper:
 
     def _open(self, row: dict):
         contender = Contender.parse(row["variant"])
-        kind = tracers.find(contender.variant.tracer)
-        test = intersectors.find(contender.variant.intersector) if kind.needs_intersector else None
-        return kind(self._setting(row, contender.binning), test, contender.variant.options)
+        return tracers.open_tracer(self._in_structure(row, contender.binning), contender.variant)
 
-    def _setting(self, row: dict, binning: str | None):
+    def _in_structure(self, row: dict, binning: str | None):
         if binning is None:
-            return self.shared.setting
-        spec = GridSpec(**row["grid"])
-        if (spec, binning) not in self._settings:
-            grid = build_grid(self.shared.setting.device_scene, spec, binning=binning)
-            self._settings[spec, binning] = replace(self.shared.setting, grid=grid)
-        return self._settings[spec, binning]
+            return self.shared.prepared
+        spec = structure_from_json(row["grid"])
+        if (spec, binning) not in self._prepared:
+            self._prepared[spec, binning] = self.shared.prepared.with_structure(spec, binning)
+        return self._prepared[spec, binning]
 
 
 def lines_of(advice: Advice) -> list[str]:

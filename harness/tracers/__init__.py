@@ -1,26 +1,19 @@
-"""Tracers: one end-to-end strategy a file (or a folder with a file `tracer.py`), found by listing this folder."""
+"""Tracers: one end-to-end strategy a file (or a folder with a file `tracer.py`), found by listing this folder and
+those of DEFRAY_EXTRA."""
 
 from __future__ import annotations
 
-import functools
-import importlib
-import pkgutil
-
 from harness.errors import DefrayError, known
+from harness.files import modules_of
 from harness.spec import intersectors
 from harness.spec.run_spec import Variant
-from harness.tracers.base import parse_options
+from harness.tracers.base import Tracer, parse_options
+from harness.tracers.prepared import Prepared
 
 
-@functools.cache
-def _classes() -> dict:
-    found = {}
-    for entry in pkgutil.iter_modules(__path__):
-        module = importlib.import_module(f"{__name__}.{entry.name}" + (".tracer" if entry.ispkg else ""))
-        tracer = getattr(module, "TRACER", None)
-        if tracer:
-            found[tracer.name] = tracer
-    return found
+def _classes() -> dict[str, type[Tracer]]:
+    found = (getattr(module, "TRACER", None) for module in modules_of("tracers"))
+    return {tracer.name: tracer for tracer in found if tracer}
 
 
 def names() -> list[str]:
@@ -28,7 +21,7 @@ def names() -> list[str]:
     return sorted(_classes())
 
 
-def find(name: str):
+def find(name: str) -> type[Tracer]:
     """The tracer class called `name`; raises DefrayError listing the known ones."""
     if name not in _classes():
         raise known("tracer", name, names())
@@ -43,11 +36,22 @@ def check_variant(variant: Variant) -> Variant:
         if variant.intersector:
             raise DefrayError(f"tracer '{variant.tracer}' has its own intersector; leave '{variant.intersector}' out")
         return variant
-    intersector = variant.intersector or "ray-space"
+    intersector = variant.intersector or intersectors.DEFAULT
     intersectors.find(intersector)
     return variant.model_copy(update={"intersector": intersector})
 
 
-def needs_grid(variant: Variant) -> bool:
-    """Whether the variant's tracer walks a grid."""
-    return find(variant.tracer).needs_grid
+def open_tracer(prepared: Prepared, variant: Variant | str) -> Tracer:
+    """The tracer of a variant, or of its text, on what is prepared.
+
+    Raises DefrayError for a variant that is not known, and where the device cannot run it.
+    """
+    variant = check_variant(Variant.parse(variant) if isinstance(variant, str) else variant)
+    kind = find(variant.tracer)
+    test = intersectors.find(variant.intersector) if kind.needs_intersector else None
+    return kind(prepared, test, variant.options)
+
+
+def needs_structure(variant: Variant) -> bool:
+    """Whether the variant's tracer walks a structure."""
+    return find(variant.tracer).needs_structure

@@ -7,8 +7,8 @@ import numpy as np
 from harness.data import Counters, Rays
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
-from harness.tracers.base import DeviceTracer
 from harness.tracers.batch import Batch
+from harness.tracers.device_tracer import DeviceTracer
 
 BLOCK = 4096  # triangles a work-item tests, small enough to keep every core busy
 
@@ -29,7 +29,7 @@ class Brute(DeviceTracer):
 
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """One kernel over chunks of rays times blocks of triangles."""
-        program = self.program("tracers/chunks.cl", lanes=self.lanes)
+        program = self.program("tracers/brute.cl", lanes=self.lanes)
         blocks = -(-self.scene.active_count // BLOCK)
         with watch.stage("intersect"):
             program.launch(

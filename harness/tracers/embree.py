@@ -34,7 +34,7 @@ class Embree(Tracer):
     @cached_property
     def scene(self) -> EmbreeScene:
         """The hierarchy, built on first use and shared with other runs on the scene."""
-        return self.setting.hierarchy(self.options.robust)
+        return self.prepared.hierarchy(self.options.robust)
 
     @property
     def build_seconds(self) -> float:

@@ -9,8 +9,8 @@ from pydantic import Field
 
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
-from harness.tracers.base import DeviceOptions, DeviceTracer
 from harness.tracers.batch import Batch
+from harness.tracers.device_tracer import DeviceOptions, DeviceTracer
 
 EXITS = ("keep", "reject")  # what becomes of a hit beyond the exit of its cell
 
@@ -25,7 +25,7 @@ class Forward(DeviceTracer):
     """One ray a work-item, as the paper's baseline; `lanes` > 1 tests that many triangles of a cell at a time."""
 
     name = "forward"
-    needs_grid = True
+    needs_structure = True
     default_lanes = 1
     Options = ForwardOptions
 
@@ -36,12 +36,12 @@ class Forward(DeviceTracer):
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """One kernel; traversal and intersection are interleaved, so there is only a total."""
         rule = {"REJECT_BEYOND_EXIT": 1} if self.options.exit == "reject" else {}
-        program = self.program("tracers/forward.cl", lanes=self.lanes, grid=True, defines=rule)
+        program = self.program("tracers/forward.cl", lanes=self.lanes, walks=True, defines=rule)
         program.launch(
             "trace_forward",
             batch.count,
-            *(batch.count, batch.rays, batch.keys, *self.grid.arguments),
-            *(self.grid.cell_start, self.grid.references, self.triangles, batch.positions),
+            *(batch.count, batch.rays, batch.keys, *self.structure.arguments),
+            *(self.structure.cell_start, self.structure.references, self.triangles, batch.positions),
             *(self.visited, *self.counting),
         )
 

@@ -12,8 +12,8 @@ from pydantic import Field
 
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
-from harness.tracers.base import DeviceOptions, DeviceTracer
 from harness.tracers.batch import Batch
+from harness.tracers.device_tracer import DeviceOptions, DeviceTracer
 
 BLOCK = 1024  # consecutive rays of one stream
 
@@ -31,27 +31,27 @@ class Streamed(DeviceTracer):
     """All waves in one kernel, a stream of rays a work-item."""
 
     name = "streamed"
-    needs_grid = True
+    needs_structure = True
     Options = StreamedOptions
     warm_up_rays = 1 << 18
 
     def trace_batch(self, batch: Batch, watch: Stopwatch) -> None:
         """One kernel; walking, binning and intersecting alternate, so there is only a total."""
-        blocks, grid = -(-batch.count // BLOCK), self.grid
+        blocks, grid = -(-batch.count // BLOCK), self.structure
         cells = max(grid.nonempty, 1)
         fit = self.device.max_allocation_bytes // (4 * cells * self.lanes)
         streams = max(1, min(self.options.streams or self.device.compute_units, blocks, fit))
         share = -(-blocks // streams) * BLOCK  # rays of a stream
         active, listed = (
-            self.buffer("active rays", streams * share),
-            self.buffer("listed cells", streams * (cells + 1)),
+            self.buffers.get("active rays", streams * share),
+            self.buffers.get("listed cells", streams * (cells + 1)),
         )
         bins, filled = (
-            self.buffer("bins", streams * cells * self.lanes),
-            self.buffer("fills", -(-streams * cells // 4)),
+            self.buffers.get("bins", streams * cells * self.lanes),
+            self.buffers.get("fills", -(-streams * cells // 4)),
         )
         cl.enqueue_fill_buffer(self.device.queue, filled.data, np.int32(0), 0, filled.nbytes)
-        shape = {"lanes": self.lanes, "grid": True, "walk_lanes": self.exchanged_lanes}
+        shape = {"lanes": self.lanes, "walks": True, "walk_lanes": self.exchanged_lanes}
         program = self.program("tracers/streamed.cl", **shape, defines={"BLOCK": BLOCK})
         wave_counters = self._wave_counters()
         program.launch(
@@ -67,13 +67,11 @@ class Streamed(DeviceTracer):
 
     def _wave_counters(self) -> tuple:
         """Another argument of the instrumented kernel: uint64 zeros for the padding and for each wave, as
-        many as there can be when a ray crosses each plane of the grid once."""
+        many as there can be."""
         if self.counters is None:
             return ()
-        grid = self.grid
-        adaptive = grid.spec.reading == "adaptive"
-        planes = sum(map(int, grid.shape[:3])) << int(grid.shape[3]) if adaptive else 3 * grid.spec.resolution
-        return (cl.array.zeros(self.device.queue, planes // self.options.wave + 4, np.uint64),)
+        waves = self.structure.most_cells_met // self.options.wave + 4
+        return (cl.array.zeros(self.device.queue, waves, np.uint64),)
 
     def _count_waves(self, padding: int, *finished: int) -> None:
         in_order = [int(rays) for rays in np.trim_zeros(finished, "b")]

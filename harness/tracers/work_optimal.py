@@ -8,15 +8,15 @@ from harness.data import Hits, Rays
 from harness.device.primitives import exclusive_scan
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
-from harness.tracers.base import DeviceTracer
 from harness.tracers.batch import Batch
+from harness.tracers.device_tracer import DeviceTracer
 
 
 class WorkOptimal(DeviceTracer):
     """The paper's baseline. Recording the cells is not timed: forward tracing with traversal free of charge."""
 
     name = "work-optimal"
-    needs_grid = True
+    needs_structure = True
     default_lanes = 1
 
     recorded: Rays | None = None  # the rays whose cells are recorded, while they fit one batch
@@ -35,8 +35,8 @@ class WorkOptimal(DeviceTracer):
             self._record(batch)
 
     def _record(self, batch: Batch) -> None:
-        queue, grid = self.device.queue, self.grid
-        program = self.program("tracers/forward.cl", lanes=self.lanes, grid=True)
+        queue, grid = self.device.queue, self.structure
+        program = self.program("tracers/forward.cl", lanes=self.lanes, walks=True)
         self.visited = cl.array.zeros(queue, batch.count, np.int32)
         throwaway = () if self.counters is None else (cl.array.zeros_like(self.counters),)
         self.start(batch)
@@ -65,7 +65,7 @@ class WorkOptimal(DeviceTracer):
                 "intersect_visited",
                 batch.count,
                 *(batch.count, batch.rays, batch.keys, self.visited, self.visited_start, self.visited_cell),
-                *(self.grid.cell_start, self.grid.references, self.triangles, *self.counting),
+                *(self.structure.cell_start, self.structure.references, self.triangles, *self.counting),
             )
 
 

@@ -12,14 +12,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from harness import tracers
+from harness import structures, tracers
 from harness.data import Rays
+from harness.spec import intersectors
 from harness.spec.intersectors import Intersector
-from harness.spec.structure import ADAPTIVE_LEAF, GridSpec
-from harness.structures import build_grid
+from harness.spec.run_spec import Variant
+from harness.spec.structure import AUTO, Adaptive, StructureSpec
 from harness.structures.adaptive import DENSITY, AdaptiveGrid, levels_of, table_bytes
-from harness.structures.base import Grid
-from harness.tracers.base import DeviceTracer
+from harness.tracers.device_tracer import DeviceTracer
 from harness.tracers.prepared import Prepared
 from harness.tuning.cost_model import CostModel
 from harness.tuning.fit import FAST, cost_models
@@ -81,7 +81,7 @@ class Choice:
     where it is the grid chosen. `candidates`: all that was compared.
     """
 
-    grid: Grid
+    grid: AdaptiveGrid
     options: dict[str, dict[str, str]]
     why: str
     seconds: float
@@ -95,33 +95,43 @@ class Choice:
             chosen.pop("growth", None)  # it belongs to the wave that was chosen
         return {**chosen, **given}
 
+    def chosen_variant(self, variant: Variant) -> Variant:
+        """The variant with what was chosen for its tracer."""
+        return variant.model_copy(update={"options": self.options_for(variant.tracer, variant.options)})
+
     def describe(self) -> dict:
         """For the `grid` part of a record."""
         return {"chosen": self.why, "choosing_seconds": self.seconds, "trial_build_seconds": self.trial_seconds}
 
 
 def choose(
-    setting: Prepared,
+    prepared: Prepared,
     rays: Rays,
     tracer: str,
     intersector: Intersector,
     given: dict[str, str] | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> Choice:
-    """Choose for `rays` in the scene of `setting` and build the grid.
+    """Choose for `rays` in the scene of `prepared` and build the grid.
 
-    `given`: the tracer's options that are settled. `tell` hears that the model is fitted to the device, where it has
+    `given`: the tracer's options that are given. `tell` hears that the model is fitted to the device, where it has
     to be. Raises DefrayError where the grid does not fit the device.
     """
     if len(rays) < FEW_RAYS:
         why = f"density {DENSITY:g}, the default: {len(rays):,} rays are too few for choosing to pay"
-        grid = build_grid(setting.device_scene, spec_of(DENSITY))
+        grid = structures.build(prepared.device_scene, Adaptive(DENSITY))
         return Choice(grid, {"deferred": FAST}, why, 0.0, 0.0)
     family, given = tracer if tracer in DEFERRED else "forward", given or {}
-    trial = build_grid(setting.device_scene, spec_of(TRIAL))
-    models = cost_models(setting.device, family, intersector, tell)
-    on_trial = replace(setting, grid=trial)
-    walkers = {name: tracers.find(name)(on_trial, intersector, given if name == tracer else {}) for name in models}
+    trial = structures.build(prepared.device_scene, Adaptive(TRIAL))
+    models = cost_models(prepared.device, family, intersector, tell)
+    on_trial = prepared.with_structure(trial)
+    walkers = {
+        name: tracers.open_tracer(
+            on_trial,
+            Variant(tracer=name, intersector=intersector.name, options=given if name == tracer else {}),
+        )
+        for name in models
+    }
     sample_rays(walkers[family], some_of(rays, 64))  # compiles
     started = time.perf_counter()
     sample = sample_rays(walkers[family], some_of(rays))
@@ -133,39 +143,33 @@ def choose(
     seconds = time.perf_counter() - started
     grid, trial_seconds = trial, 0.0
     if taken.density != TRIAL:
-        grid, trial_seconds = build_grid(setting.device_scene, spec_of(taken.density)), trial.build_seconds
+        grid, trial_seconds = structures.build(prepared.device_scene, Adaptive(taken.density)), trial.build_seconds
     options = {name: pick([c for c in some if c.density == taken.density]).options for name, some in made.items()}
     return Choice(
         grid, {**options, family: taken.options}, explain(taken, made), seconds, trial_seconds, tuple(made[family])
     )
 
 
-def prepare_grid(
-    setting: Prepared,
+def in_structure(
+    prepared: Prepared,
     rays: Rays,
-    spec: GridSpec,
-    tracer: str,
-    intersector: Intersector,
-    given: dict[str, str] | None = None,
+    spec: StructureSpec,
+    variant: Variant,
     tell: Callable[[str], None] | None = None,
-) -> tuple[Grid, Choice | None]:
-    """The grid of a spec, built, and the choice it comes from where the spec is `auto`."""
-    if spec.reading != "auto":
-        return build_grid(setting.device_scene, spec), None
-    choice = choose(setting, rays, tracer, intersector, given, tell)
-    return choice.grid, choice
-
-
-def spec_of(density: float) -> GridSpec:
-    """An adaptive grid of that density."""
-    return GridSpec(0, ADAPTIVE_LEAF, "adaptive", density)
+) -> tuple[Prepared, Choice | None]:
+    """`prepared` in the structure of a spec, built; and the choice it comes from where the spec is `auto`."""
+    if spec != AUTO:
+        return prepared.with_structure(spec), None
+    intersector = intersectors.find(variant.intersector or intersectors.DEFAULT)
+    choice = choose(prepared, rays, variant.tracer, intersector, variant.options, tell)
+    return prepared.with_structure(choice.grid), choice
 
 
 def candidates(
     model: CostModel, sample: Sample, walker: DeviceTracer, rays: int, given: dict[str, str]
 ) -> list[Candidate]:
     """Every density with every wave and batch that the options given allow; `walker` walked `sample`."""
-    trial, tracer = walker.grid, model.tracer
+    trial, tracer = walker.structure, model.tracer
     sizes = [_size(model, trial, density, walker.scene.active_count) for density in DENSITIES]
     finer, tables, sizes = (np.array(values) for values in zip(*sizes, strict=True))
 
@@ -198,7 +202,7 @@ def _with_bins(
     chances: Chances,
 ) -> RayWork:
     """The work of a setting in grids `finer` float64[n] times as fine, its bins counted in."""
-    scaled, cells = model.scaled(work, finer), walker.grid.nonempty * model.factor("nonempty", finer)
+    scaled, cells = model.scaled(work, finer), walker.structure.nonempty * model.factor("nonempty", finer)
     empty = model.padding * unused_slots(walker, cells, per_wave, rays, chances)
     return replace(
         scaled,
@@ -217,10 +221,10 @@ def _size(model: CostModel, trial: AdaptiveGrid, density: float, triangles: int)
     """
     counts, times = trial.counted
     cells = float(times @ 8.0 ** levels_of(counts, density, trial.shape[3]))
-    finer = (cells / max(trial.cells, 1)) ** (1 / 3)
+    finer = (cells / max(trial.leaf_cells, 1)) ** (1 / 3)
     references = triangles + (len(trial.references) - triangles) * model.factor("references", finer)
     nonempty = trial.nonempty * model.factor("nonempty", finer)
-    tables = table_bytes(trial.top_block.nbytes, cells)
+    tables = table_bytes(trial.top_cells.nbytes, cells)
     return finer, tables, tables + 4 * (references + nonempty)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from harness import tracers
+from harness import stats, tracers
 from harness.data import Rays
 from harness.device.opened import Device
 from harness.device.stopwatch import CpuStopwatch, Stopwatch
@@ -18,10 +18,11 @@ from harness.files import cache_folder
 from harness.inputs.rays import make_rays
 from harness.inputs.scenes import stand_in_scene
 from harness.spec.intersectors import KERNELS, Intersector
-from harness.spec.structure import GridSpec
-from harness.structures import adaptive, build_grid
+from harness.spec.run_spec import Variant
+from harness.spec.structure import Adaptive
+from harness.structures import adaptive
 from harness.structures.adaptive import AdaptiveGrid
-from harness.tracers.base import DeviceTracer
+from harness.tracers.device_tracer import DeviceTracer
 from harness.tracers.prepared import Prepared
 from harness.tuning import cost_model, sampling
 from harness.tuning.cost_model import CostModel, TimedRun, fit
@@ -43,6 +44,7 @@ DENSITIES = (0.075, 0.3, 1.2)
 # Deferred, of fewer rays more of the time goes into reading triangles for the first time.
 RAYS = {"deferred": 1 << 20, "streamed": 1 << 20, "forward": 1 << 16}
 REPETITIONS = 2
+SEED = 1
 FAST = {"arrange": "record", "pairs": "copy"}  # deferred options that the model is fitted with
 SETTINGS = {
     "deferred": [{**FAST, "wave": "2"}, {**FAST, "wave": "8", "growth": "2"}],
@@ -54,7 +56,7 @@ FORM = 5  # of the file
 
 def per_axis(grid: AdaptiveGrid) -> float:
     """Leaf cells per axis of a top cell in use, the root mean cube."""
-    return (grid.cells / max(grid.blocks, 1)) ** (1 / 3)
+    return (grid.leaf_cells / max(grid.blocks, 1)) ** (1 / 3)
 
 
 def cost_models(
@@ -123,10 +125,9 @@ def measured_runs(
     """Runs of every scene, density, tracer and setting, repetitions interleaved; the shortest of each counts."""
     runs = []
     for scene, rays in scenes:
-        setting = Prepared.on_device(scene, device)
+        prepared = Prepared.on_device(scene, device)
         for density in DENSITIES:
-            grid = build_grid(setting.device_scene, GridSpec(0, 16, "adaptive", density))
-            runs += _on_grid(replace(setting, grid=grid), fitted, intersector, rays)
+            runs += _on_grid(prepared.with_structure(Adaptive(density)), fitted, intersector, rays)
     return runs
 
 
@@ -135,16 +136,19 @@ def stopwatch(device: Device) -> Stopwatch:
     return CpuStopwatch(device) if device.is_cpu else Stopwatch(device.queue)
 
 
-def _on_grid(setting: Prepared, fitted: Sequence[str], intersector: Intersector, rays: Rays) -> list[TimedRun]:
-    made = [tracers.find(name)(setting, intersector, options) for name in fitted for options in SETTINGS[name]]
+def _on_grid(prepared: Prepared, fitted: Sequence[str], intersector: Intersector, rays: Rays) -> list[TimedRun]:
+    made = [
+        tracers.open_tracer(prepared, Variant(tracer=name, intersector=intersector.name, options=options))
+        for name in fitted
+        for options in SETTINGS[name]
+    ]
     for one in made:
-        one.trace(rays, stopwatch(setting.device))
+        one.trace(rays, stopwatch(prepared.device))
     times: list[list[dict]] = [[] for _ in made]
-    for _ in range(REPETITIONS):
-        for one, taken in zip(made, times, strict=True):
-            watch = stopwatch(setting.device)
-            one.trace(rays, watch)
-            taken.append(dict(watch.seconds))
+    for _, _, place in stats.interleaved(range(len(made)), REPETITIONS, SEED):
+        watch = stopwatch(prepared.device)
+        made[place].trace(rays, watch)
+        times[place].append(dict(watch.seconds))
     sample = sample_rays(made[0], some_of(rays))
     shortest = (min(taken, key=lambda seconds: seconds["total"]) for taken in times)
     return [_run(one, sample, seconds, rays) for one, seconds in zip(made, shortest, strict=True)]
@@ -152,7 +156,7 @@ def _on_grid(setting: Prepared, fitted: Sequence[str], intersector: Intersector,
 
 def _run(tracer: DeviceTracer, sample: Sample, seconds: dict[str, float], rays: Rays) -> TimedRun:
     """What a timed run comes to, its work counted, and its padding predicted."""
-    grid, options, count = tracer.grid, tracer.options, len(rays)
+    grid, options, count = tracer.structure, tracer.options, len(rays)
     work = counted_work(tracer.count(rays), count, grid.nonempty)
     chances = sample.chances(grid.nonempty)
     work = replace(
@@ -163,7 +167,7 @@ def _run(tracer: DeviceTracer, sample: Sample, seconds: dict[str, float], rays: 
     )
     run = TimedRun(
         tracer.name,
-        tracer.setting.scene.name,
+        tracer.prepared.scene.name,
         count,
         seconds,
         work,

@@ -14,9 +14,9 @@ from scipy.optimize import brentq
 from harness.data import Counters, Rays
 from harness.device.opened import Device
 from harness.device.runtime import cl
-from harness.structures.base import Grid
-from harness.tracers.base import DeviceTracer
+from harness.structures.base import Structure
 from harness.tracers.batch import Batch
+from harness.tracers.device_tracer import DeviceTracer
 
 SAMPLE_RAYS = 2048
 LINE = 64  # bytes of a cache
@@ -274,10 +274,10 @@ def sample_rays(tracer: DeviceTracer, rays: Rays) -> Sample:
     """Walk `rays` through the tracer's grid, with its intersector, on its device."""
     queue, batch = tracer.device.queue, Batch(tracer.device, rays)
     tracer.start(batch)
-    grid: Grid = tracer.grid
+    grid: Structure = tracer.structure
     lists = [cl.array.empty(queue, batch.count * CELLS_KEPT, np.int32) for _ in range(3)]
     numbers = [cl.array.empty(queue, batch.count, np.int32) for _ in range(5)]
-    program = tracer.program("studies/sample.cl", grid=True)
+    program = tracer.program("studies/sample.cl", walks=True)
     program.launch(
         "sample_rays",
         batch.count,

@@ -1,6 +1,5 @@
 // From references in any order to cells: counting sort by cell, then ascending triangles in each.
 #include "common.clh"
-#include "structures/walk.clh"
 
 kernel void fill_cells(const uint entries, global const uint *entry_cell, global const int *entry_primitive,
                        global int *cursor, global int *references)

@@ -1,13 +1,13 @@
 // An intersector on given pairs of a ray and a triangle, without grid or closest-hit search: what stability measures.
 #include "intersect.clh"
 
-#define HIT_SAID 1      // the intersector says inside
+#define HIT_CLAIMED 1      // the intersector claims a hit
 #define HIT_ACCEPTED 2  // and the driver's rule takes its t
 
 // LANES pairs a work-item, each lane with its own ray and triangle; the last work-item repeats its final pair.
 kernel void test_pairs(const int count, global const int *ray_of_pair, global const int *triangle_of_pair,
                        global const float *origins, global const float *directions, global const float *t_max,
-                       global const float *stored, global int *said, global float *t_out,
+                       global const float *stored, global int *claimed, global float *t_out,
                        global float *u_out, global float *v_out)
 {
     const int first = get_global_id(0) * LANES;
@@ -47,7 +47,7 @@ kernel void test_pairs(const int count, global const int *ray_of_pair, global co
     store_lanes(hit, hit_of);
     store_lanes(taken, taken_of);
     for (int lane = 0; lane < LANES && first + lane < count; ++lane) {
-        said[first + lane] = (hit_of[lane] ? HIT_SAID : 0) | (taken_of[lane] ? HIT_ACCEPTED : 0);
+        claimed[first + lane] = (hit_of[lane] ? HIT_CLAIMED : 0) | (taken_of[lane] ? HIT_ACCEPTED : 0);
         t_out[first + lane] = ldexp(t_of[lane], -exponent[lane]);
         u_out[first + lane] = u_of[lane];
         v_out[first + lane] = v_of[lane];

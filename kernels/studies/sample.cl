@@ -6,7 +6,7 @@
 // Non-empty cells of each ray in order, `slots` a ray: which, its references, and the steps taken when it was met.
 // `needed`: cells up to the hit or the way out, and the steps and tests up to there; `found`: cells written down;
 // `end_steps`: steps when the walk ended, past the hit and at most at cell `slots`.
-kernel void sample_rays(const int count, global const Ray *rays, global const ulong *keys, GRID_ARGUMENTS,
+kernel void sample_rays(const int count, global const Ray *rays, global const ulong *keys, STRUCTURE_ARGUMENTS,
                         global const int *cell_start, global const int *references, global const float *triangles,
                         global const ulong *positions, const int slots, global int *cells,
                         global int *cell_references, global int *cell_steps, global int *found, global int *needed,
@@ -16,17 +16,17 @@ kernel void sample_rays(const int count, global const Ray *rays, global const ul
     if (i >= count)
         return;
     found[i] = needed[i] = needed_steps[i] = needed_tests[i] = end_steps[i] = 0;
-    if (positions[i] == LEFT_GRID)
+    if (positions[i] == LEFT)
         return;
-    const Grid grid = GRID_VALUES;
+    const Structure structure = STRUCTURE_VALUES;
     const Frame frame = frame_of(rays[i]);
-    Walk w = walk_setup(grid, rays[i]);
+    Walk w = walk_of(structure, rays[i]);
     walk_to(&w, positions[i]);
     ulong best = keys[i];
     uint steps = 0;
     int met = 0, tests = 0, halted = 0;
     while (!halted || met < slots) {
-        const int cell = walk_next(&w, grid, halted ? rays[i].t_max : key_t(best), &steps);
+        const int cell = walk_next(&w, structure, halted ? rays[i].t_max : key_t(best), &steps);
         if (cell == NO_CELL) {
             if (halted)
                 break;

@@ -31,28 +31,28 @@ inline void mistaken_step(Walk *w, float3 *accumulated)
 // `visited`: room for `slots` cells a ray, filled with the linear positions of its non-empty leaf cells, in order;
 // `found` their number, `steps` those taken, each at most `slots`.
 kernel void walk_cells(const int count, global const float *origins, global const float *directions,
-                       GRID_ARGUMENTS, const int slots, global int *visited, global int *found, global int *steps)
+                       STRUCTURE_ARGUMENTS, const int slots, global int *visited, global int *found, global int *steps)
 {
     const int i = get_global_id(0);
     if (i >= count)
         return;
-    const Grid grid = GRID_VALUES;
+    const Structure structure = STRUCTURE_VALUES;
     const Ray ray = scaled_ray(vload3(i, origins), vload3(i, directions), INFINITY);
-    Walk w = walk_setup(grid, ray);
-    const ulong position = walk_entry(&w, grid, INFINITY);
+    Walk w = walk_of(structure, ray);
+    const ulong position = walk_entry(&w, structure, INFINITY);
     found[i] = steps[i] = 0;
-    if (position == LEFT_GRID)
+    if (position == LEFT)
         return;
     walk_to(&w, position);
     int cells = 0, step = 0;
     float3 accumulated = NAN;
-    for (; step < slots && walk_inside(&w, grid_resolution(grid)); ++step) {
+    for (; step < slots && walk_inside(&w, structure); ++step) {
         const int here = (w.z.cell * RESOLUTION + w.y.cell) * RESOLUTION + w.x.cell;
 #ifdef MISTAKE
         const int used = 1;
         mistaken_step(&w, &accumulated);
 #else
-        const int used = walk_step(&w, grid, 1) != NO_CELL;
+        const int used = walk_step(&w, structure, 1) != NO_CELL;
 #endif
         if (used)
             visited[(size_t)i * slots + cells++] = here;

@@ -18,7 +18,7 @@ inline ulong test_up_to(float t_exit, const Frame *frame, global const float *tr
 #endif
 
 // Traces rays from the start; `visited` receives the number of non-empty cells walked up to the halt.
-kernel void trace_forward(const int count, global const Ray *rays, global ulong *keys, GRID_ARGUMENTS,
+kernel void trace_forward(const int count, global const Ray *rays, global ulong *keys, STRUCTURE_ARGUMENTS,
                           global const int *cell_start, global const int *references,
                           global const float *triangles, global const ulong *positions,
                           global int *visited COUNTERS)
@@ -27,11 +27,11 @@ kernel void trace_forward(const int count, global const Ray *rays, global ulong 
     if (i >= count)
         return;
     visited[i] = 0;
-    if (positions[i] == LEFT_GRID)
+    if (positions[i] == LEFT)
         return;
-    const Grid grid = GRID_VALUES;
+    const Structure structure = STRUCTURE_VALUES;
     const Frame frame = frame_of(rays[i]);
-    Walk w = walk_setup(grid, rays[i]);
+    Walk w = walk_of(structure, rays[i]);
     walk_to(&w, positions[i]);
     ulong best = keys[i];
     int cells = 0;
@@ -39,7 +39,7 @@ kernel void trace_forward(const int count, global const Ray *rays, global ulong 
     BEGIN_COUNTS
     for (;;) {
         // Finished when the best hit is not beyond the cells walked, empty ones included.
-        const int cell = walk_next(&w, grid, key_t(best), &steps);
+        const int cell = walk_next(&w, structure, key_t(best), &steps);
         if (cell == NO_CELL)
             break;
         best = test_up_to(w.t_exit, &frame, triangles, references, cell_start[cell], cell_start[cell + 1], best);
@@ -55,16 +55,16 @@ kernel void trace_forward(const int count, global const Ray *rays, global ulong 
 }
 
 // Writes down the first `visited` non-empty cells of each ray, for the work-optimal intersection.
-kernel void record_visited(const int count, global const Ray *rays, GRID_ARGUMENTS, global const ulong *positions,
+kernel void record_visited(const int count, global const Ray *rays, STRUCTURE_ARGUMENTS, global const ulong *positions,
                            global const int *visited, global const int *visited_start, global int *visited_cell)
 {
     const int i = get_global_id(0);
     if (i >= count || visited[i] == 0)
         return;
-    const Grid grid = GRID_VALUES;
-    Walk w = walk_setup(grid, rays[i]);
+    const Structure structure = STRUCTURE_VALUES;
+    Walk w = walk_of(structure, rays[i]);
     walk_to(&w, positions[i]);
     uint steps = 0;
     for (int k = 0; k < visited[i]; ++k)
-        visited_cell[visited_start[i] + k] = walk_next(&w, grid, INFINITY, &steps);
+        visited_cell[visited_start[i] + k] = walk_next(&w, structure, INFINITY, &steps);
 }

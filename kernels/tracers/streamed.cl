@@ -1,6 +1,6 @@
 // Deferred tracing in streams: each work-item bins the pairs of its own rays and intersects a bin as soon as it holds
 // a chunk, while its rays and triangles are in the cache. No pair is counted, ranked or moved, and no key is shared.
-#include "tracers/chunk.clh"
+#include "tracers/hit_policy.clh"
 #include "tracers/refill.clh"
 
 // BLOCK: consecutive rays of one stream, from the host; the next ones belong to the next.
@@ -147,7 +147,7 @@ inline void empty_bins(Stream *s)
     s->queued = 0;
 }
 
-// Asks for what a ray that sits down soon needs.
+// Asks for what a ray needs that soon takes a lane.
 hot_path void fetch_ray(const Stream *s, int i, global ulong *positions, global float *t_exit)
 {
 #ifdef fetch_line
@@ -158,24 +158,24 @@ hot_path void fetch_ray(const Stream *s, int i, global ulong *positions, global 
 #endif
 }
 
-// Walks every active ray through at most `wave` non-empty cells, as in traverse.cl, into the bins.
-hot_path void walk_wave(Stream *s, const Grid grid, int active_count, global const int *active, int wave,
+// Walks every active ray through at most `wave` cells, as in deferred/walk.cl, into the bins.
+hot_path void walk_wave(Stream *s, const Structure structure, int active_count, global const int *active, int wave,
                         global ulong *positions, global float *t_exit COUNTERS)
 {
-    Seats seats;
+    LaneState lanes;
     int ray[WALK_LANES];
-    int next = fill_seats(&seats, 0, active_count, active, s->rays, s->keys, positions, t_exit);
+    int next = fill_lanes(&lanes, 0, active_count, active, s->rays, s->keys, positions, t_exit);
     for (int lane = 0; lane < WALK_LANES; ++lane)
-        ray[lane] = active[max(seats.row[lane], 0)];
+        ray[lane] = active[max(lanes.row[lane], 0)];
     BEGIN_COUNTS
-    for (int seated = 1; seated;) {
-        Group group = take_seats(&seats, grid);
+    for (int busy = 1; busy;) {
+        Group group = load_group(&lanes, structure);
         // Every step writes; a cell met moves on.
-        int met_cell[(EXCHANGE + 1) * WALK_LANES], met_ray[(EXCHANGE + 1) * WALK_LANES], count = 0;
-        for (int step = 0; step < EXCHANGE && walk_any(group.go); ++step) {
+        int met_cell[(REFILL_STEPS + 1) * WALK_LANES], met_ray[(REFILL_STEPS + 1) * WALK_LANES], count = 0;
+        for (int step = 0; step < REFILL_STEPS && walk_any(group.go); ++step) {
             count_steps(group.go);
             int cell[WALK_LANES];
-            const walk_int met = group_step(&group, grid, wave);
+            const walk_int met = group_step(&group, structure, wave);
             count_cells_met(met);
             walk_store(met, cell);
 #pragma unroll
@@ -184,21 +184,21 @@ hot_path void walk_wave(Stream *s, const Grid grid, int active_count, global con
                 count += cell[lane] >= 0;
             }
         }
-        keep_seats(&group, &seats);
+        store_group(&group, &lanes);
         for (int i = 0; i < count; ++i)
             append_pair(s, met_cell[i], met_ray[i]);
-        seated = 0;
+        busy = 0;
         for (int lane = 0; lane < WALK_LANES; ++lane) {
-            if (seats.go[lane] == 0 && seats.row[lane] >= 0) {
-                stand_up(&seats, lane, grid_resolution(grid), active, positions, t_exit);
-                seats.row[lane] = -1;
+            if (lanes.go[lane] == 0 && lanes.row[lane] >= 0) {
+                store_lane(&lanes, lane, structure, active, positions, t_exit);
+                lanes.row[lane] = -1;
                 if (next < active_count) {
                     fetch_ray(s, active[min(next + 2 * WALK_LANES, active_count - 1)], positions, t_exit);
                     ray[lane] = active[next];
-                    sit_down(&seats, lane, next++, active, s->rays, s->keys, positions, t_exit);
+                    load_lane(&lanes, lane, next++, active, s->rays, s->keys, positions, t_exit);
                 }
             }
-            seated |= seats.row[lane] >= 0;
+            busy |= lanes.row[lane] >= 0;
         }
     }
     END_COUNTS
@@ -219,7 +219,7 @@ inline int keep_active(int active_count, global int *active, global const ulong 
 
 // All waves of a stream's rays, `active_room` at most: blocks of them, every `streams`-th. `filled` is zero.
 kernel void trace_stream(const int count, const int streams, const int active_room, const int wave, const int growth,
-                         global Ray *rays, global ulong *keys, GRID_ARGUMENTS, global ulong *positions,
+                         global Ray *rays, global ulong *keys, STRUCTURE_ARGUMENTS, global ulong *positions,
                          global float *t_exit, global const int *cell_start, global const int *references,
                          global const float *triangles, const int cells, global int *active_rays, global int *bins,
                          global uchar *filled, global int *listed WAVE_COUNTERS)
@@ -227,7 +227,7 @@ kernel void trace_stream(const int count, const int streams, const int active_ro
     const size_t id = get_global_id(0);
     if (id >= (size_t)streams)
         return;
-    const Grid grid = GRID_VALUES;
+    const Structure structure = STRUCTURE_VALUES;
     Stream s;
     s.rays = rays, s.keys = keys, s.cell_start = cell_start, s.references = references, s.triangles = triangles;
     s.bins = bins + id * cells * LANES, s.filled = filled + id * cells, s.listed = listed + id * (cells + 1);
@@ -245,7 +245,7 @@ kernel void trace_stream(const int count, const int streams, const int active_ro
 #define COUNTERS_GIVEN
 #endif
     for (int length = wave; active_count > 0; length = min(length * growth, 1 << 24)) {
-        walk_wave(&s, grid, active_count, active, length, positions, t_exit COUNTERS_GIVEN);
+        walk_wave(&s, structure, active_count, active, length, positions, t_exit COUNTERS_GIVEN);
         empty_bins(&s);
         const int kept = keep_active(active_count, active, keys, positions, t_exit);
         count_wave(++waves, active_count - kept);

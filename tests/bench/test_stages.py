@@ -7,27 +7,27 @@ import dataclasses
 import pytest
 from shapes import icosphere, random_rays
 
+from harness import structures
 from harness.data import Scene
 from harness.device.stopwatch import Stopwatch
 from harness.spec.intersectors import INTERSECTORS
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import Uniform
 from harness.tracers import find
 from harness.tracers.prepared import Prepared
 
-SPEC = GridSpec(8, 64)
+SPEC = Uniform(8, 64)
 RAYS = 100_000
 
 
 @pytest.fixture(scope="module")
 def ball(device) -> Prepared:
     """81,920 triangles and their grid."""
-    setting = Prepared.on_device(Scene("ball", icosphere(6)), device)
-    return dataclasses.replace(setting, grid=build_grid(setting.device_scene, SPEC))
+    prepared = Prepared.on_device(Scene("ball", icosphere(6)), device)
+    return prepared.with_structure(SPEC)
 
 
 def test_build_the_grid(benchmark, ball):
-    grid = benchmark.pedantic(lambda: build_grid(ball.device_scene, SPEC), warmup_rounds=1, rounds=5)
+    grid = benchmark.pedantic(lambda: structures.build(ball.device_scene, SPEC), warmup_rounds=1, rounds=5)
     benchmark.extra_info.update(grid.describe())
 
 

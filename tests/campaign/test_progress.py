@@ -6,11 +6,11 @@ import pytest
 
 from harness.campaign import progress
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Uniform
 
 
 def spec_on(scene: str, tracer: str = "deferred:ray-space", rays: int = 1_000_000) -> RunSpec:
-    return RunSpec(scene=scene, variant=Variant.parse(tracer), grid=GridSpec(), rays=rays)
+    return RunSpec(scene=scene, variant=Variant.parse(tracer), structure=Uniform(), rays=rays)
 
 
 def test_time_left_learns_from_measured_groups():

@@ -14,7 +14,7 @@ from harness.campaign import runner as sweep
 from harness.errors import DefrayError
 from harness.records.record_file import RecordFile
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Uniform
 
 ROOT = Path(__file__).resolve().parents[2]
 TIER = """
@@ -113,25 +113,25 @@ def test_bad_counts(text):
 
 
 def test_grids():
-    assert plan.parse_grid("8/128") == GridSpec(8, 128, "total")
-    assert plan.parse_grid("8/128 per-cell") == plan.parse_grid(str(GridSpec(8, 128, "per-cell")))
-    assert plan.parse_grid("8/12 per-cell").leaf == 12
+    assert plan.parse_structure("8/128") == Uniform(8, 128)
+    assert plan.parse_structure("8/128 per-cell") == plan.parse_structure(str(Uniform(8, 128, per_cell=True)))
+    assert plan.parse_structure("8/12 per-cell").leaf == 12
     with pytest.raises(DefrayError, match=r"leaf 100 is not a multiple of top 8.*96 or 104 would do"):
-        plan.parse_grid("8/100")
+        plan.parse_structure("8/100")
     with pytest.raises(DefrayError, match=r"needs; 8 would do"):
-        plan.parse_grid("8/5")
+        plan.parse_structure("8/5")
     with pytest.raises(DefrayError, match="unknown reading 'each'; known: adaptive, per-cell"):
-        plan.parse_grid("8/128 each")
+        plan.parse_structure("8/128 each")
     with pytest.raises(DefrayError, match="not a grid"):
-        plan.parse_grid("128")
+        plan.parse_structure("128")
     with pytest.raises(DefrayError, match="at least one cell"):
-        plan.parse_grid("0/8")
+        plan.parse_structure("0/8")
 
 
 def test_the_product_is_expanded_and_gridless_tracers_run_beside_every_grid(fakes, request_):
     specs = plan.expand(request_.file, "small")
     assert len(specs) == 2 * 2 * 3
-    assert {spec.grid.leaf for spec in specs if spec.variant.tracer == "embree"} == {32, 64}
+    assert {spec.structure.leaf for spec in specs if spec.variant.tracer == "embree"} == {32, 64}
     assert {spec.rays for spec in specs} == {64_000}
     groups = sweep.shuffled_groups(specs, 1)
     order = [group[0].scene for group in groups]
@@ -164,8 +164,8 @@ def test_groups_with_the_same_rays_follow_each_other(fakes, request_):
 
 
 def test_without_a_tracer_that_walks_no_grid_is_built(fakes):
-    embree = plan.interleaved("sponza", [Variant.parse("embree")], [GridSpec()])
-    assert [spec.grid for spec in embree] == [None]
+    embree = plan.interleaved("sponza", [Variant.parse("embree")], [Uniform()])
+    assert [spec.structure for spec in embree] == [None]
 
 
 def test_the_order_is_that_of_the_seed(fakes, request_):
@@ -240,7 +240,9 @@ def test_the_full_tier_has_both_readings_and_embree_beside_what_it_is_compared_w
     full = plan.expand(ROOT / "harness/paper/sweeps.toml", "full")
     for grid in ("8/128", "8/128 per-cell"):
         for variant in ("deferred:ray-space", "work-optimal:ray-space"):
-            runs = [spec for spec in full if spec.grid == plan.parse_grid(grid) and str(spec.variant) == variant]
+            runs = [
+                spec for spec in full if spec.structure == plan.parse_structure(grid) and str(spec.variant) == variant
+            ]
             assert {spec.scene for spec in runs if spec.kind == "diffuse" and spec.repetitions >= 3} >= scenes
     for group in sweep.shuffled_groups(full, 1):
         if any(spec.variant.tracer == "streamed" for spec in group):

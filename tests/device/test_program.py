@@ -16,9 +16,11 @@ def test_equal_builds_are_one_program_and_other_definitions_another(device):
 
 
 def test_each_file_is_included_once():
-    source = program._expand("tracers/forward.cl", "ray_space.cl", set())
+    source = program.expanded(
+        "tracers/forward.cl", intersector="ray_space.cl", structure="structures/uniform_walk.clh"
+    )
     assert source.count("inline Frame intersector_setup(const RayLanes ray)") == 1
-    assert source.count("#define DEFRAY_WALK\n") == source.count("#define DEFRAY_WALK_ADAPTIVE\n") == 1
+    assert source.count("#define DEFRAY_WALK\n") == source.count("#define DEFRAY_WALK_UNIFORM\n") == 1
     assert "#include" not in source
 
 

@@ -18,7 +18,7 @@ from harness.inputs.scenes import load_scene
 from harness.inputs.viewpoints import find_views
 from harness.reference.embree_scene import EmbreeScene
 from harness.reference.exact import zero_area
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Uniform
 from scenes.shapes import box, sphere, tubes
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0.5 1\nf 1 2 3 4\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
@@ -154,11 +154,12 @@ def test_trace_says_which_view_was_chosen_and_why(tmp_path, device):
     from harness.measure.pipeline import run_group
     from harness.records.origin import finish
     from harness.spec.run_spec import RunSpec, Variant
-    from harness.spec.structure import GridSpec
 
     np.savez(tmp_path / "room.npz", vertices=room().reshape(-1, 3), faces=np.arange(len(room()) * 3).reshape(-1, 3))
     variant = Variant(tracer="forward", intersector="ray-space")
-    spec = RunSpec(scene=str(tmp_path / "room.npz"), variant=variant, grid=GridSpec(2, 8), rays=100, repetitions=1)
+    spec = RunSpec(
+        scene=str(tmp_path / "room.npz"), variant=variant, structure=Uniform(2, 8), rays=100, repetitions=1
+    )
     (_, body), *_ = run_group([spec], device)
     console = Console(width=200, record=True, file=io.StringIO())
     console.print(record_table(finish(body, spec, machine_description(device))))
@@ -283,5 +284,5 @@ def test_triangles_without_area_are_never_hit(tmp_path, device, tracer):
     along = np.linspace(0, 1, 65, dtype=np.float32)
     origins = np.stack([along, along, np.full(65, 3, np.float32)], axis=1)
     rays = Rays(origins, np.tile(np.float32([0, 0, -1]), (65, 1)), np.full(65, np.inf, np.float32))
-    hits = trace(scene, rays, tracer=tracer, grid=GridSpec(2, 4), device=device)
+    hits = trace(scene, rays, tracer=tracer, structure=Uniform(2, 4), device=device)
     assert (hits.primitive == 2).all() and (hits.t == 3).all()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import subprocess
@@ -13,21 +12,20 @@ import pytest
 from shapes import icosphere, random_rays, soup
 
 import harness
+from harness import structures
 from harness.data import Scene, differing
 from harness.device.machine import machine_description
 from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
-from harness.measure import group as measure
 from harness.measure.pipeline import run_group
-from harness.measure.scene import forget_scenes
+from harness.measure.scene import forget_scenes, shared_scene
 from harness.records.origin import finish
 from harness.records.record_file import validated
 from harness.reference.check import Checker
 from harness.reference.embree_scene import EmbreeScene
 from harness.spec.intersectors import INTERSECTORS
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import Uniform
 from harness.studies import pictures as render
 from harness.tracers import find
 from harness.tracers.prepared import Prepared
@@ -47,7 +45,7 @@ def mesh_file(tmp_path):
 
 
 def specs(mesh_file, variants=VARIANTS, **fields) -> list[RunSpec]:
-    common = {"scene": mesh_file, "grid": GridSpec(4, 16), "rays": 2000, "view": "inside", "repetitions": 2}
+    common = {"scene": mesh_file, "grid": Uniform(4, 16), "rays": 2000, "view": "inside", "repetitions": 2}
     return [RunSpec(variant=Variant.parse(text), **{**common, **fields}) for text in variants]
 
 
@@ -68,14 +66,14 @@ def test_a_group_of_variants_gives_complete_valid_records(device, mesh_file):
 
 
 def test_embrees_hierarchy_is_built_once_a_scene(device, mesh_file, monkeypatch):
-    measure.shared_scene(mesh_file, device)  # loading a mesh looks around in it with a hierarchy of its own
+    shared_scene(mesh_file, device)  # loading a mesh looks around in it with a hierarchy of its own
     built = []
     original = EmbreeScene.__init__
     monkeypatch.setattr(
         EmbreeScene, "__init__", lambda self, *rest, **named: (built.append(1), original(self, *rest, **named))[1]
     )
     for rays in (2000, 1000):
-        for grid in (GridSpec(4, 16), GridSpec(4, 8)):
+        for grid in (Uniform(4, 16), Uniform(4, 8)):
             list(run_group(specs(mesh_file, ("deferred:ray-space", "embree"), rays=rays, grid=grid), device))
     assert len(built) == 1
 
@@ -151,19 +149,17 @@ def test_the_run_that_cannot_be_opened_is_named(device, mesh_file):
 
 def test_a_grid_with_one_reference_removed_is_caught(device):
     triangles, rays = soup(300), random_rays(20_000)
-    setting = Prepared.on_device(Scene("soup", triangles), device)
-    grid = build_grid(setting.device_scene, GridSpec(2, 8))
+    prepared = Prepared.on_device(Scene("soup", triangles), device)
+    grid = structures.build(prepared.device_scene, Uniform(2, 8))
     trace = find("deferred")
 
     def agreement():
-        tracer = trace(dataclasses.replace(setting, grid=grid), INTERSECTORS["ray-space"], {})
+        tracer = trace(prepared.with_structure(grid), INTERSECTORS["ray-space"], {})
         return Checker(triangles, rays).check(tracer.trace(rays, Stopwatch(device.queue)))
 
     assert agreement().valid
     honest = grid.references.get()
-    hits = trace(dataclasses.replace(setting, grid=grid), INTERSECTORS["ray-space"], {}).trace(
-        rays, Stopwatch(device.queue)
-    )
+    hits = trace(prepared.with_structure(grid), INTERSECTORS["ray-space"], {}).trace(rays, Stopwatch(device.queue))
     most_hit = np.bincount(hits.primitive[hits.primitive >= 0]).argmax()
     caught = 0
     for place in np.flatnonzero(honest == most_hit):
@@ -181,8 +177,8 @@ sys.path.insert(0, "tests")
 from shapes import soup, random_rays
 from harness.data import Scene
 from harness.engine import trace
-from harness.spec.structure import GridSpec
-hits = trace(Scene("soup", soup(2000, size=0.1)), random_rays(30000), sys.argv[1], sys.argv[2], GridSpec(4, 32),
+from harness.spec.structure import Uniform
+hits = trace(Scene("soup", soup(2000, size=0.1)), random_rays(30000), sys.argv[1], sys.argv[2], Uniform(4, 32),
              wave=sys.argv[3], batch=sys.argv[4])
 print(hashlib.sha256(hits.tobytes()).hexdigest())
 """
@@ -228,7 +224,7 @@ def test_the_python_interface_traces_a_scene(device, mesh_file):
     [
         ({"tracer": "backward"}, "unknown tracer"),
         ({"intersector": "best"}, "unknown intersector"),
-        ({"grid": GridSpec(3, 10)}, "not a multiple of top 3"),
+        ({"structure": "3/10"}, "not a multiple of top 3"),
         ({"wave": 0}, "option wave=0"),
     ],
 )

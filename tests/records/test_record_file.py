@@ -15,7 +15,7 @@ from harness.records.digest import digest_of, sealed
 from harness.records.origin import finish
 from harness.records.record_file import RecordFile, validated
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Uniform
 
 MACHINE = {
     "cpu": "a cpu",
@@ -31,7 +31,7 @@ RATE = {"median": 1e6, "low": 9e5, "high": 1.1e6}
 
 def make_record(identity: str = "0" * 16, **changes) -> dict:
     """A record that validates."""
-    spec = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space"), grid=GridSpec())
+    spec = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space"), structure=Uniform())
     whole = {
         "schema": record_module.SCHEMA,
         "id": identity,
@@ -171,7 +171,7 @@ def test_finish_adds_what_the_pipeline_does_not_know():
     spec = RunSpec(
         scene="sponza",
         variant=Variant.parse("deferred:ray-space"),
-        grid=GridSpec(),
+        structure=Uniform(),
         view="door",
     )
     done = finish(make_body(), spec, dict(MACHINE))

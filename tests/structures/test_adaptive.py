@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from shapes import aimed_rays, icosphere, lattice_walls, random_rays, soup
 from test_grid import sampled_cells
 from test_tracers import hits_of
 
+from harness import structures
 from harness.data import Rays, Scene, differing
 from harness.device.program import build
 from harness.device.runtime import cl
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import Adaptive
 from harness.structures.adaptive import levels_of, top_shape
-from harness.structures.base import upload_scene
+from harness.structures.device_scene import upload_scene
 from harness.studies.stability.walks import _gaps, _interval
 from harness.tracers.prepared import Prepared
 
 SPECS = [
-    GridSpec(0, 16, "adaptive", 0.3),
-    GridSpec(0, 16, "adaptive", 50.0),
-    GridSpec(5, 8, "adaptive", 3.0),
-    GridSpec(7, 1, "adaptive"),
-    GridSpec(1, 128, "adaptive", 200.0),
+    Adaptive(0.3),
+    Adaptive(50.0),
+    Adaptive(3.0, top=5, leaf=8),
+    Adaptive(top=7, leaf=1),
+    Adaptive(200.0, top=1, leaf=128),
 ]
 
 
@@ -48,7 +46,7 @@ def slivers(count: int = 300) -> np.ndarray:
 def on_planes(device, spec=SPECS[1], cells=12) -> np.ndarray:
     """Squares that lie exactly on planes between the leaf cells of their own grid."""
     frame = soup(200)
-    grid = build_grid(upload_scene(device, frame), spec)
+    grid = structures.build(upload_scene(device, frame), spec)
     size = grid.cell_size * 2 ** (grid.shape[3] - 1)
     generator, quads = np.random.default_rng(3), []
     for axis in np.repeat(np.arange(3), cells):
@@ -79,15 +77,15 @@ MESHES = {
 
 def setting_of(device, triangles, spec=SPECS[0]) -> Prepared:
     """A scene on the device with its adaptive grid."""
-    setting = Prepared.on_device(Scene("test", triangles), device)
-    return dataclasses.replace(setting, grid=build_grid(setting.device_scene, spec))
+    prepared = Prepared.on_device(Scene("test", triangles), device)
+    return prepared.with_structure(spec)
 
 
 def leaf_cells(grid):
     """Every leaf cell of the grid, read back: its top cell's entry, place in its level, entry and level."""
     x, y = grid.shape[:2]
     leaves = grid.leaves.get()[::2].tolist()
-    for top, entry in enumerate(grid.top_block.get().tolist()):
+    for top, entry in enumerate(grid.top_cells.get().tolist()):
         if entry < 0:
             continue
         level, first = entry & 7, entry >> 3
@@ -139,7 +137,7 @@ def stated(edge: int) -> int:
 @pytest.mark.parametrize("name", ["soup", "sphere", "walls", "clumps"])
 def test_every_point_of_every_triangle_lies_in_a_cell_that_references_it(device, name, spec):
     mesh = MESHES[name][0]
-    grid = build_grid(upload_scene(device, mesh), spec)
+    grid = structures.build(upload_scene(device, mesh), spec)
     start, references = grid.cell_start.get(), grid.references.get()
     held = {}
     for cell, box in leaf_boxes(grid).items():
@@ -155,17 +153,17 @@ def test_every_point_of_every_triangle_lies_in_a_cell_that_references_it(device,
 
 def test_dense_top_cells_are_fine_and_sparse_ones_coarse(device):
     mesh = np.concatenate([soup(5000, size=0.002) * np.float32(0.01), icosphere(1, 4.0)])
-    grid = build_grid(upload_scene(device, mesh), GridSpec(4, 64, "adaptive", 1.0))
-    levels = {entry & 7 for entry in grid.top_block.get().tolist() if entry >= 0}
+    grid = structures.build(upload_scene(device, mesh), Adaptive(1.0, top=4, leaf=64))
+    levels = {entry & 7 for entry in grid.top_cells.get().tolist() if entry >= 0}
     assert max(levels) >= 4 and min(levels) <= 2
     assert grid.describe()["cells"] < 0.2 * 4**3 * 16**3
 
 
 @pytest.mark.parametrize("name", ["clumps", "sphere"])
 def test_the_cube_ahead_of_an_empty_top_cell_is_empty_and_the_largest(device, name):
-    grid = build_grid(upload_scene(device, MESHES[name][0]), GridSpec(9, 4, "adaptive"))
+    grid = structures.build(upload_scene(device, MESHES[name][0]), Adaptive(top=9, leaf=4))
     x, y, z, _ = grid.shape
-    entries = grid.top_block.get().reshape(z, y, x).transpose(2, 1, 0)
+    entries = grid.top_cells.get().reshape(z, y, x).transpose(2, 1, 0)
     empty, seen = entries < 0, []
     for place in np.argwhere(empty):
         edges = edges_of(int(entries[tuple(place)]))
@@ -176,7 +174,7 @@ def test_the_cube_ahead_of_an_empty_top_cell_is_empty_and_the_largest(device, na
 
 @pytest.mark.parametrize("name", ["clumps", "sphere"])
 def test_the_cube_ahead_of_an_empty_leaf_cell_is_empty_and_the_largest_in_its_top_cell(device, name):
-    grid = build_grid(upload_scene(device, MESHES[name][0]), GridSpec(2, 16, "adaptive", 20.0))
+    grid = structures.build(upload_scene(device, MESHES[name][0]), Adaptive(20.0, top=2))
     blocks = {}
     for place, entry, level in leaf_cells(grid):
         top = (*(place >> level).tolist(), level)
@@ -193,8 +191,8 @@ def test_the_cube_ahead_of_an_empty_leaf_cell_is_empty_and_the_largest_in_its_to
 
 def test_the_same_scene_gives_the_same_bytes(device):
     scene = upload_scene(device, clumps(2000))
-    first, second = (build_grid(scene, SPECS[1]) for _ in range(2))
-    for name in ("top_block", "leaves", "cell_start", "references"):
+    first, second = (structures.build(scene, SPECS[1]) for _ in range(2))
+    for name in ("top_cells", "leaves", "cell_start", "references"):
         assert getattr(first, name).get().tobytes() == getattr(second, name).get().tobytes()
 
 
@@ -221,7 +219,7 @@ def boxes_walked(device, grid, rays, slots=400) -> np.ndarray:
     )
     boxes = cl.array.zeros(device.queue, len(rays) * slots * 6, np.int32)
     found = cl.array.zeros(device.queue, len(rays), np.int32)
-    program = build(device, "studies/walk_boxes.cl", defines=grid.defines)
+    program = build(device, "studies/walk_boxes.cl", structure=grid.header, defines=grid.defines)
     program.launch("walk_boxes", len(rays), len(rays), *inputs, *grid.arguments, slots, boxes, found)
     assert found.get().max() < slots
     return boxes.get().reshape(len(rays), slots, 6)
@@ -252,7 +250,7 @@ def uncovered(grid, rays, boxes) -> np.ndarray:
 @pytest.mark.parametrize("name", MESHES)
 def test_the_walk_steps_over_no_part_of_a_path(device, name, spec):
     mesh, rays = MESHES[name]
-    grid = build_grid(upload_scene(device, mesh), spec)
+    grid = structures.build(upload_scene(device, mesh), spec)
     rays = rays[:500]
     boxes = boxes_walked(device, grid, rays, 1500)
     assert uncovered(grid, rays, boxes).sum() == 0
@@ -266,7 +264,7 @@ def test_the_walk_steps_over_no_part_of_a_path(device, name, spec):
 
 def test_a_box_left_out_of_a_path_is_caught(device):
     mesh, rays = MESHES["clumps"]
-    grid = build_grid(upload_scene(device, mesh), SPECS[0])
+    grid = structures.build(upload_scene(device, mesh), SPECS[0])
     boxes = boxes_walked(device, grid, rays[:200])
     boxes[:, 1, 3] = 0
     assert (uncovered(grid, rays[:200], boxes) > 0).mean() > 0.9
@@ -292,7 +290,7 @@ def content_boxes(grid) -> dict[int, tuple[np.ndarray, np.ndarray]]:
 @pytest.mark.parametrize("name", ["soup", "sphere", "walls", "clumps", "slivers"])
 def test_the_box_of_a_cell_holds_all_of_its_triangles_in_the_cell(device, name, spec):
     mesh = MESHES[name][0]
-    grid = build_grid(upload_scene(device, mesh), spec)
+    grid = structures.build(upload_scene(device, mesh), spec)
     generator = np.random.default_rng(1)
     weights = generator.dirichlet([0.5] * 3, (len(mesh), 40))
     points = np.einsum("tpc,tcx->tpx", weights, mesh.astype(np.float64))
@@ -310,7 +308,7 @@ def test_the_box_of_a_cell_holds_all_of_its_triangles_in_the_cell(device, name, 
 @pytest.mark.parametrize("name", MESHES)
 def test_a_cell_is_passed_over_only_by_rays_that_miss_the_box_of_what_lies_in_it(device, name, spec):
     mesh, rays = MESHES[name]
-    grid, rays = build_grid(upload_scene(device, mesh), spec), rays[:300]
+    grid, rays = structures.build(upload_scene(device, mesh), spec), rays[:300]
     walked, boxes, pad = boxes_walked(device, grid, rays, 1500), content_boxes(grid), pad_in_cells(grid)
     passed = (walked[:, :, 4] >= 0) & (walked[:, :, 5] < 0) & (walked[:, :, 3] > 0)
     assert ((walked[:, :, 5] < 0) | (walked[:, :, 5] == walked[:, :, 4])).all()
@@ -328,9 +326,9 @@ def test_a_cell_is_passed_over_only_by_rays_that_miss_the_box_of_what_lies_in_it
 
 def test_boxes_too_small_lose_hits(device):
     mesh, rays = MESHES["soup"]
-    setting = setting_of(device, mesh)
-    expected = hits_of(setting, rays, "forward")
-    leaves = setting.grid.leaves.get()
+    prepared = setting_of(device, mesh)
+    expected = hits_of(prepared, rays, "forward")
+    leaves = prepared.structure.leaves.get()
     leaves[1::2] = 0
-    setting.grid.leaves.set(leaves)
-    assert differing(hits_of(setting, rays, "forward"), expected) > 0.2 * len(rays)
+    prepared.structure.leaves.set(leaves)
+    assert differing(hits_of(prepared, rays, "forward"), expected) > 0.2 * len(rays)

@@ -8,19 +8,19 @@ import pytest
 from shapes import soup
 from test_adaptive import SPECS
 
+from harness import structures
 from harness.errors import DefrayError
 from harness.records.run_row import GridFacts
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import GridSpec, check_grid, make_grid, parse_grid
-from harness.structures import build_grid
-from harness.structures.base import upload_scene
+from harness.spec.structure import Adaptive, Uniform, parse_structure
+from harness.structures.device_scene import upload_scene
 
 
 def test_the_text_of_a_grid_is_read_back():
     for text in ("adaptive", "adaptive density=0.25", "adaptive top=40 leaf=8 density=2"):
-        assert str(parse_grid(text)) == text
-    assert make_grid(reading="adaptive") == GridSpec(0, 16, "adaptive")
-    assert make_grid() == GridSpec() and str(GridSpec()) == "8/128 total"
+        assert str(parse_structure(text)) == text
+    assert parse_structure("adaptive") == Adaptive()
+    assert parse_structure("8/128") == Uniform() and str(Uniform()) == "8/128 total"
 
 
 @pytest.mark.parametrize(
@@ -35,20 +35,20 @@ def test_the_text_of_a_grid_is_read_back():
 )
 def test_a_bad_adaptive_grid_is_refused(text, message):
     with pytest.raises(DefrayError, match=message):
-        parse_grid(text)
+        parse_structure(text)
 
 
 def test_a_density_is_for_adaptive_grids_alone():
-    with pytest.raises(DefrayError, match="a density belongs to reading 'adaptive', not to 'total'"):
-        check_grid(GridSpec(density=0.3))
+    with pytest.raises(DefrayError, match="'8/128 density=2' is not a structure"):
+        parse_structure("8/128 density=2")
 
 
 def test_ids_and_texts_of_runs_on_other_grids_are_as_before_there_were_adaptive_ones():
-    run = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space:wave=4"), grid=GridSpec())
+    run = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space:wave=4"), structure=Uniform())
     assert run.id == "c77aa873bb021d83"
     assert run.model_dump()["grid"] == {"top": 8, "leaf": 128, "reading": "total"}
     dense, default = (
-        RunSpec(scene="sponza", variant=Variant.parse("deferred"), grid=GridSpec(0, 16, "adaptive", density))
+        RunSpec(scene="sponza", variant=Variant.parse("deferred"), structure=Adaptive(density))
         for density in (0.3, None)
     )
     assert dense.id != default.id and dense.model_dump()["grid"]["density"] == 0.3
@@ -57,7 +57,7 @@ def test_ids_and_texts_of_runs_on_other_grids_are_as_before_there_were_adaptive_
 
 def test_only_records_of_adaptive_grids_have_a_density(device):
     scene = upload_scene(device, soup(500))
-    uniform, adaptive = (build_grid(scene, spec).describe() for spec in (GridSpec(2, 8), SPECS[0]))
+    uniform, adaptive = (structures.build(scene, spec).describe() for spec in (Uniform(2, 8), SPECS[0]))
     assert GridFacts.model_validate(uniform).model_dump() == uniform
     assert GridFacts.model_validate(adaptive).model_dump() == adaptive
     assert set(adaptive) - set(uniform) == {"density", "resolution"}
@@ -68,4 +68,4 @@ def test_a_grid_beyond_the_memory_is_refused_with_its_size(device):
     small = dataclasses.replace(device, memory_bytes=1 << 16)
     scene = dataclasses.replace(upload_scene(device, soup(5000)), device=small)
     with pytest.raises(DefrayError, match=r"needs [0-9.]+ GiB; the limit here .* a lower density"):
-        build_grid(scene, GridSpec(0, 128, "adaptive", 900.0))
+        structures.build(scene, Adaptive(900.0, leaf=128))

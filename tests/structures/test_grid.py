@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from shapes import icosphere, lattice_walls, soup
 
+from harness import structures
 from harness.errors import DefrayError
-from harness.spec.structure import GridSpec, check_grid
-from harness.structures import build_grid
-from harness.structures.base import upload_scene
+from harness.spec.structure import Uniform, parse_structure
+from harness.structures.device_scene import upload_scene
 from harness.structures.uniform import BRICK, auto_spec, grid_box
 
-SPECS = [GridSpec(1, 1), GridSpec(2, 6), GridSpec(4, 20), GridSpec(8, 32), GridSpec(3, 5, "per-cell")]
+SPECS = [Uniform(1, 1), Uniform(2, 6), Uniform(4, 20), Uniform(8, 32), Uniform(3, 5, per_cell=True)]
 
 
 def cells_of(grid) -> dict[tuple[int, int, int], set[int]]:
@@ -53,7 +53,7 @@ def sampled_cells(triangles: np.ndarray, grid, samples: int = 60) -> set[tuple]:
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("mesh", [soup(200), icosphere(2), lattice_walls(4)], ids=["soup", "sphere", "walls"])
 def test_every_point_of_every_triangle_lies_in_a_cell_that_references_it(device, mesh, spec):
-    grid = build_grid(upload_scene(device, mesh), spec)
+    grid = structures.build(upload_scene(device, mesh), spec)
     cells = cells_of(grid)
     missing = [entry for entry in sampled_cells(mesh, grid) if entry[3] not in cells.get(entry[:3], ())]
     assert not missing
@@ -62,22 +62,22 @@ def test_every_point_of_every_triangle_lies_in_a_cell_that_references_it(device,
 def test_walls_on_cell_planes_are_referenced_on_both_sides(device):
     wall = np.array([[[1, 0, 0], [1, 1, 0], [1, 1, 1]], [[0, 0, 0], [2, 0, 0], [2, 2, 2]]], np.float32)
     scene = upload_scene(device, wall)
-    lower, size = grid_box(scene, GridSpec(1, 2))
+    lower, size = grid_box(scene, Uniform(1, 2))
     wall[0, :, 0] = lower[0] + size[0]
-    cells = cells_of(build_grid(upload_scene(device, wall), GridSpec(1, 2)))
+    cells = cells_of(structures.build(upload_scene(device, wall), Uniform(1, 2)))
     assert {position[0] for position, listed in cells.items() if 0 in listed} == {0, 1}
 
 
 def test_a_small_triangle_is_referenced_only_near_itself(device):
     mesh = np.concatenate([icosphere(1, 10.0), soup(1, size=0.01)])
-    grid = build_grid(upload_scene(device, mesh), GridSpec(8, 64))
+    grid = structures.build(upload_scene(device, mesh), Uniform(8, 64))
     holders = [position for position, listed in cells_of(grid).items() if len(mesh) - 1 in listed]
     assert 1 <= len(holders) <= 8
 
 
 def test_the_same_scene_gives_the_same_bytes(device):
     scene = upload_scene(device, soup(2000))
-    first, second = (build_grid(scene, GridSpec(4, 32)) for _ in range(2))
+    first, second = (structures.build(scene, Uniform(4, 32)) for _ in range(2))
     for name in ("top_block", "leaves", "cell_start", "references"):
         assert getattr(first, name).get().tobytes() == getattr(second, name).get().tobytes()
 
@@ -86,18 +86,18 @@ def test_zero_area_triangles_keep_their_number_but_are_not_referenced(device):
     mesh = soup(10)
     mesh[4, 2] = mesh[4, 1]
     mesh[7] = [[0, 0, 0], [0.5, 0.5, 0.5], [1, 1, 1]]
-    cells = cells_of(build_grid(upload_scene(device, mesh), GridSpec(2, 8)))
+    cells = cells_of(structures.build(upload_scene(device, mesh), Uniform(2, 8)))
     assert set().union(*cells.values()) == set(range(10)) - {4, 7}
 
 
 def test_readings_differ_in_resolution():
-    assert GridSpec(8, 128, "total").resolution == 128
-    assert GridSpec(8, 128, "per-cell").resolution == 1024
+    assert Uniform(8, 128).resolution == 128
+    assert Uniform(8, 128, per_cell=True).resolution == 1024
 
 
 def test_empty_top_cells_hold_no_block(device):
     mesh = np.concatenate([soup(50, size=0.01) * 0.1, soup(50, size=0.01) * 0.1 + 10]).astype(np.float32)
-    grid = build_grid(upload_scene(device, mesh), GridSpec(8, 16, "per-cell"))
+    grid = structures.build(upload_scene(device, mesh), Uniform(8, 16, per_cell=True))
     assert grid.blocks < 20
     assert grid.describe()["cells"] == grid.blocks * 16**3
 
@@ -106,29 +106,29 @@ def test_empty_top_cells_hold_no_block(device):
 def test_flat_and_distant_scenes_build(device, offset):
     mesh = soup(50) + np.float32(offset)
     mesh[:, :, 1] = offset
-    grid = build_grid(upload_scene(device, mesh.astype(np.float32)), GridSpec(2, 8))
+    grid = structures.build(upload_scene(device, mesh.astype(np.float32)), Uniform(2, 8))
     assert grid.nonempty > 0
     assert np.isfinite(grid.cell_size).all() and (grid.cell_size > 0).all()
 
 
 @pytest.mark.parametrize(
-    ("spec", "message"),
+    ("text", "message"),
     [
-        (GridSpec(8, 100), "leaf 100 is not a multiple of top 8, as reading 'total' needs; 96 or 104 would do"),
-        (GridSpec(0, 8), "at least one cell"),
-        (GridSpec(8, 64, "each"), "unknown reading 'each'"),
-        (GridSpec(512, 512), "at most 256 top cells"),
-        (GridSpec(256, 4096, "per-cell"), "at most 65536"),
+        ("8/100", "leaf 100 is not a multiple of top 8, as '8/100' needs; 96 or 104 would do"),
+        ("0/8", "at least one cell"),
+        ("8/64 each", "'8/64 each' is not a structure; write top/leaf"),
+        ("512/512", "at most 256 top cells"),
+        ("256/4096 per-cell", "at most 65536"),
     ],
 )
-def test_a_resolution_that_makes_no_grid_is_refused(spec, message):
+def test_a_resolution_that_makes_no_grid_is_refused(text, message):
     with pytest.raises(DefrayError, match=message):
-        check_grid(spec)
+        parse_structure(text)
 
 
 def test_a_grid_beyond_the_memory_is_refused_with_its_size(device):
     with pytest.raises(DefrayError, match=r"needs at least [0-9.]+ GiB; the limit here is .* a leaf of about \d+"):
-        build_grid(upload_scene(device, soup(300)), GridSpec(16, 1024, "per-cell"))
+        structures.build(upload_scene(device, soup(300)), Uniform(16, 1024, per_cell=True))
 
 
 def test_a_scene_without_area_is_refused(device):

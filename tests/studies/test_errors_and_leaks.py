@@ -24,12 +24,12 @@ from harness.records.digest import sealed, unsealed
 from harness.records.origin import latest_rows, row_facts
 from harness.records.precision_row import precision_file
 from harness.reference.errors_of_t import distance_rmse, residual_p99
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Uniform
 from harness.studies import errors_and_leaks as accuracy
 from harness.studies.errors_and_leaks import Contender, Plan, default_contenders, measure_accuracy, parse_contenders
 from harness.studies.needed_precision import SAMPLES
 
-PLAN = Plan(rays=2_000, aimed=4_000, repetitions=2, grid=GridSpec(4, 16))
+PLAN = Plan(rays=2_000, aimed=4_000, repetitions=2, structure=Uniform(4, 16))
 VARIANTS = ("deferred:ray-space", "deferred:moller-trumbore", "embree", "embree:robust=false")
 
 

@@ -38,8 +38,8 @@ def shoot(device, triangles, origins, directions, name, lanes=8, t_max=np.inf):
     origins, directions = np.atleast_2d(np.float32(origins)), np.atleast_2d(np.float32(directions))
     origins, directions = (np.ascontiguousarray(a) for a in np.broadcast_arrays(origins, directions))
     rays = Rays(origins, directions, np.full(len(origins), t_max, np.float32))
-    setting = Prepared.on_device(Scene("test", triangles), device)
-    tracer = find_tracer("brute")(setting, INTERSECTORS[name], {"lanes": str(lanes)})
+    prepared = Prepared.on_device(Scene("test", triangles), device)
+    tracer = find_tracer("brute")(prepared, INTERSECTORS[name], {"lanes": str(lanes)})
     return tracer.trace(rays, Stopwatch(device.queue))
 
 
@@ -72,7 +72,7 @@ def test_beside_behind_parallel_and_too_far_are_misses(device, name):
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("corner", range(3))
 def test_a_triangle_that_is_not_finite_is_never_hit(device, monkeypatch, name, value, corner):
-    monkeypatch.setattr("harness.structures.base.check_scale", lambda triangles: None)
+    monkeypatch.setattr("harness.structures.device_scene.check_scale", lambda triangles: None)
     broken = np.concatenate([TRIANGLE, TRIANGLE + np.float32([0, 0, -1])])
     broken[0, corner, 2] = value
     origins = np.random.default_rng(0).uniform(0.1, 1.5, (64, 3)) * [1, 1, 0] + [0, 0, 1]

@@ -19,7 +19,7 @@ from harness.errors import DefrayError
 from harness.records.coherence_row import Coherence, coherence_file, coherence_row, predicted_ratios
 from harness.report.tables import coherence as table
 from harness.spec.intersectors import INTERSECTORS
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Adaptive, Uniform
 from harness.studies.lanes_and_lines import (
     Lists,
     Sequences,
@@ -31,7 +31,7 @@ from harness.studies.lanes_and_lines import (
 )
 
 TEST = INTERSECTORS["ray-space"]
-SPECS = [GridSpec(2, 8), GridSpec(0, 16, "adaptive", 1.0)]
+SPECS = [Uniform(2, 8), Adaptive(1.0)]
 
 
 def steps_of(sequences: Sequences) -> list[list[tuple[int, int]]]:
@@ -107,9 +107,9 @@ def naive_deferred(sequences: Sequences, lists: Lists, lanes: int, packed: bool)
 @pytest.mark.parametrize("lanes", [4, 32])
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 def test_counts_equal_lanes_played_one_by_one(device, spec, lanes):
-    setting, rays = setting_of(device, soup(150), spec), random_rays(203, low=-0.3, high=1.3)
-    lists = lists_of(setting.grid, TEST.bytes)
-    forward, deferred = (record_sequences(setting, TEST, rays, wave) for wave in (1, 3))
+    prepared, rays = setting_of(device, soup(150), spec), random_rays(203, low=-0.3, high=1.3)
+    lists = lists_of(prepared.structure, TEST.bytes)
+    forward, deferred = (record_sequences(prepared, TEST, rays, wave) for wave in (1, 3))
     assert forward_coherence(forward, lists, lanes) == naive_forward(forward, lists, lanes)
     chunks, packed = deferred_coherence(deferred, lists, lanes)
     assert chunks == naive_deferred(deferred, lists, lanes, packed=False)
@@ -119,11 +119,11 @@ def test_counts_equal_lanes_played_one_by_one(device, spec, lanes):
 @pytest.mark.parametrize("lanes", [1, 8])
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 def test_sequences_make_the_counts_of_the_tracers(device, spec, lanes):
-    setting, rays = setting_of(device, icosphere(), spec), random_rays(2000, low=-0.5, high=0.5)
-    lists = lists_of(setting.grid, TEST.bytes)
+    prepared, rays = setting_of(device, icosphere(), spec), random_rays(2000, low=-0.5, high=0.5)
+    lists = lists_of(prepared.structure, TEST.bytes)
     for name, wave, options in (("forward", 1, {}), ("deferred", 2, {"wave": "2", "lanes": str(lanes)})):
-        counters = tracers.find(name)(setting, TEST, options).count(rays)
-        sequences = record_sequences(setting, TEST, rays, wave)
+        counters = tracers.find(name)(prepared, TEST, options).count(rays)
+        sequences = record_sequences(prepared, TEST, rays, wave)
         compare_counts(sequences, lists, counters, name)
     # Chunks are those of the deferred tracer, idle lanes included, but that it tests few rays a triangle a lane.
     trips = deferred_coherence(sequences, lists, lanes)[0].test_trips

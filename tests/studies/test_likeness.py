@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 
+from harness import structures
 from harness.data import Rays, Scene, View
 from harness.errors import DefrayError
 from harness.spec.intersectors import find
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import Uniform
 from harness.studies.stand_ins import footprint as cost
 from harness.studies.stand_ins import likeness as calibration
 from harness.studies.stand_ins.likeness import (
@@ -46,9 +46,9 @@ def test_cells_are_counted_as_by_hand():
 def test_a_rays_cells_are_those_up_to_its_limit(device):
     # Two triangles in opposite corners of an 8^3 grid with cells a little over 1 wide.
     scene = Scene("corners", np.array(FAR_CORNERS, np.float32))
-    setting = Prepared.on_device(scene, device)
-    grid = build_grid(setting.device_scene, GridSpec(8, 8))
-    tracer = Deferred(Prepared(scene, device, setting.device_scene, grid), find("ray-space"), {})
+    prepared = Prepared.on_device(scene, device)
+    grid = structures.build(prepared.device_scene, Uniform(8, 8))
+    tracer = Deferred(Prepared(scene, device, prepared.device_scene, grid), find("ray-space"), {})
     origin, along = np.array([[0.5, 0.5, 0.5]], np.float32), np.array([[1, 0, 0]], np.float32)
 
     def walked(limit: float) -> tuple[int, int]:

@@ -24,6 +24,7 @@ from harness.records.digest import unsealed
 from harness.records.roofline_row import roofline_file, roofline_row
 from harness.report.figures import kernel_times, roofline
 from harness.spec.intersectors import INTERSECTORS
+from harness.structures.grids import grid_walk_work
 from harness.studies.roofline.ceilings import CHAINS, VECTORS, Ceilings
 from harness.studies.roofline.instructions import triangle_loop
 from harness.studies.roofline.kernel_work import KERNELS, Facts, walked_rays, work_of
@@ -50,9 +51,9 @@ def test_ceilings_copy_every_float_and_finish_every_chain(device):
 
 @pytest.mark.parametrize("tracer", VARIANTS)
 def test_kernels_are_timed_by_name_and_their_work_is_stated(device, tracer):
-    setting, rays = setting_of(device, soup()), random_rays(3000)
+    prepared, rays = setting_of(device, soup()), random_rays(3000)
     for options in VARIANTS[tracer]:
-        made = tracers.find(tracer)(setting, INTERSECTORS["ray-space"], options)
+        made = tracers.find(tracer)(prepared, INTERSECTORS["ray-space"], options)
         made.trace(rays, KernelWatch(device.queue))
         watch = KernelWatch(device.queue)
         made.trace(rays, watch)
@@ -92,14 +93,12 @@ FACTS = Facts(
     counters=Counters(steps=500, pairs=200, tests=1000, lane_tests=1600, waves=2, padding=40),
     walked=150,
     lanes=8,
-    first_level=400,
-    second_level=80_000,
     cells=50,
     references=300,
     triangles=120,
     triangle_bytes=36,
     pair_bytes=32,
-    walk="uniform",
+    walk=grid_walk_work(9, 400, 80_000),
     test_flops=39,
 )
 
@@ -125,7 +124,7 @@ def test_work_of_the_walk_by_hand():
     rays = 150 * (4 + 32 + 8 + 8 + 4 + 8 + 4 + 4)
     assert found.uncached_bytes == rays + 500 * (4 + 8 + 4)
     assert found.bytes == rays + 2 * 400 + 500 * 8 + 200 * 4
-    adaptive = work_of("record_pairs", dataclasses.replace(FACTS, walk="adaptive"))
+    adaptive = work_of("record_pairs", dataclasses.replace(FACTS, walk=grid_walk_work(39, 400, 80_000)))
     assert adaptive.flops == 150 * 12 + 500 * 39
     assert (adaptive.bytes, adaptive.uncached_bytes) == (found.bytes, found.uncached_bytes)
     assert work_of("unknown", FACTS) is None
@@ -147,7 +146,7 @@ def test_work_of_a_stream_by_hand():
 
 @pytest.mark.parametrize("name", KERNELS)
 def test_no_cache_adds_traffic(name):
-    for facts in (FACTS, dataclasses.replace(FACTS, pair_bytes=4, first_level=1 << 20)):
+    for facts in (FACTS, dataclasses.replace(FACTS, pair_bytes=4, walk=grid_walk_work(9, 1 << 20, 80_000))):
         found = work_of(name, facts)
         assert 0 < found.bytes <= found.uncached_bytes
         assert found.flops <= found.executed_flops

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from shapes import lattice_walls
 
-from harness.data import Rays
+from harness import structures
+from harness.data import Rays, Scene
 from harness.device.program import build
 from harness.device.runtime import cl
 from harness.errors import DefrayError
 from harness.spec.intersectors import INTERSECTORS
 from harness.spec.run_spec import Variant
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
-from harness.structures.base import OVERLAPS, upload_scene
+from harness.spec.structure import Uniform
+from harness.structures.base import OVERLAPS
+from harness.structures.device_scene import upload_scene
 from harness.structures.uniform import pad_cells
 from harness.studies.stability import walks
 from harness.studies.stability import whole_grids as whole
@@ -35,6 +36,7 @@ from harness.studies.stability.whole_grids import binning_study, grid_digest, gr
 from harness.tracers import find
 from harness.tracers.base import parse_options
 from harness.tracers.batch import Batch
+from harness.tracers.prepared import Prepared
 
 SEED = 12111
 DEFAULT = INTERSECTORS["ray-space"]
@@ -91,7 +93,7 @@ def test_a_skipped_top_cell_that_is_not_empty_is_caught(device):
 @pytest.mark.parametrize("share", [None, 0.125], ids=["pad of the build", "large pad"])
 def test_coverage_agrees_with_rationals(device, maker, share):
     """On full and on damaged lists of cells; `share` of a cell as pad."""
-    lattice = Lattice(GridSpec(2, 8), (-0.37, 0.11, -2.3), (0.0137, 0.0171, 0.0093))
+    lattice = Lattice(Uniform(2, 8), (-0.37, 0.11, -2.3), (0.0137, 0.0171, 0.0093))
     rays, grid = maker(lattice, generator(SEED, 99), 40), lattice.grid(device, SEED)
     pad = pad_cells(grid.spec, grid.cell_size)[:3] if share is None else np.full(3, share)
     visited, _ = walk(device, grid, rays)
@@ -143,11 +145,15 @@ def test_rays_that_walk_together_visit_the_same_cells(device, lanes):
         batch, length = Batch(device, rays), visited.shape[1]
         inputs = (batch.count, batch.origins, batch.directions, batch.t_max, *grid.arguments)
         outputs = (batch.rays, batch.keys, batch.positions, batch.t_exit)
-        build(device, "tracers/start.cl", defines=grid.defines).launch("start_rays", batch.count, *inputs, *outputs)
+        build(device, "tracers/start.cl", structure=grid.header, defines=grid.defines).launch(
+            "start_rays", batch.count, *inputs, *outputs
+        )
         active = cl.array.arange(device.queue, batch.count, dtype=np.int32)
         room = batch.count + lanes  # the last lanes of a group may be idle and still write
         slots, counts = (cl.array.zeros(device.queue, n * room, np.int32) for n in (length + 1, 1))
-        build(device, "tracers/deferred/walk.cl", defines=grid.defines | {"WALK_LANES": lanes}).launch(
+        build(
+            device, "tracers/deferred/walk.cl", structure=grid.header, defines=grid.defines | {"WALK_LANES": lanes}
+        ).launch(
             "record_pairs",
             -(-batch.count // lanes),
             *(batch.count, active, batch.rays, batch.keys, *grid.arguments, length, lanes),
@@ -185,7 +191,8 @@ def test_overlap_tests_and_exit_rules_that_lose_rays_are_caught(device):
 
 
 def test_a_damaged_grid_fails_the_family(device, monkeypatch):
-    monkeypatch.setattr(whole, "with_grid", lambda setting, binning, make=whole.with_grid: make(setting, "open"))
+    make = Prepared.with_structure
+    monkeypatch.setattr(Prepared, "with_structure", lambda prepared, spec, overlap: make(prepared, spec, "open"))
     found = grid_family(device, DEFAULT, "off", 2000, SEED)
     assert found["leaks"] > 700
     assert found["cases"]["walls"]["deferred"] > 300 and found["cases"]["walls"]["forward"] > 300
@@ -193,7 +200,7 @@ def test_a_damaged_grid_fails_the_family(device, monkeypatch):
 
 def test_walls_lie_on_cell_planes_as_the_build_sees_them(device):
     triangles = whole.walls_triangles(None)
-    grid = build_grid(upload_scene(device, triangles), whole.SPEC)
+    grid = structures.build(upload_scene(device, triangles), whole.SPEC)
     cells = (triangles[:-2] - grid.lower) * (1 / grid.cell_size)
     assert cells.dtype == np.float32
     assert (cells == np.rint(cells)).all() and cells.min() == 2 and cells.max() == 30
@@ -203,16 +210,16 @@ def test_walls_lie_on_cell_planes_as_the_build_sees_them(device):
 
 def test_padded_is_the_default(device):
     scene = upload_scene(device, lattice_walls(4))
-    default, padded = build_grid(scene, whole.SPEC), build_grid(scene, whole.SPEC, "padded")
-    assert default.binning == "padded" and set(default.describe()) == set(padded.describe())
+    default, padded = structures.build(scene, whole.SPEC), structures.build(scene, whole.SPEC, "padded")
+    assert default.overlap == "padded" and set(default.describe()) == set(padded.describe())
     assert default.references.get().tobytes() == padded.references.get().tobytes()
-    counts = {name: build_grid(scene, whole.SPEC, name).describe()["references"] for name in OVERLAPS}
+    counts = {name: structures.build(scene, whole.SPEC, name).describe()["references"] for name in OVERLAPS}
     assert counts["box"] > counts["padded"] >= counts["closed"] >= counts["open"] > 0
 
 
 def test_an_unknown_overlap_test_or_exit_rule_is_refused(device):
-    with pytest.raises(DefrayError, match="unknown binning 'loose'; known: box, closed, open, padded"):
-        build_grid(upload_scene(device, lattice_walls(2)), GridSpec(2, 8), "loose")
+    with pytest.raises(DefrayError, match="unknown overlap test 'loose'; known: box, closed, open, padded"):
+        structures.build(upload_scene(device, lattice_walls(2)), Uniform(2, 8), "loose")
     with pytest.raises(DefrayError, match="option exit=drop of forward"):
         parse_options(find("forward"), Variant.parse("forward:ray-space:exit=drop").options)
     with pytest.raises(DefrayError, match="unknown option of tracer deferred 'exit'"):
@@ -222,8 +229,8 @@ def test_an_unknown_overlap_test_or_exit_rule_is_refused(device):
 def test_rejecting_hits_beyond_the_exit_costs_tests(device):
     """Also in the instrumented build; a hit found early and forgotten is tested again."""
     triangles, rays = whole.grid_inputs("slivers", 500, SEED)
-    setting = whole.with_grid(whole.Prepared.on_device(whole.Scene("slivers", triangles), device), "padded")
-    kept, rejected = (find("forward")(setting, DEFAULT, {"exit": rule}).count(rays) for rule in whole.EXITS)
+    prepared = Prepared.on_device(Scene("slivers", triangles), device).with_structure(whole.SPEC)
+    kept, rejected = (find("forward")(prepared, DEFAULT, {"exit": rule}).count(rays) for rule in whole.EXITS)
     assert rejected.tests >= kept.tests > 0 and rejected.steps >= kept.steps > 0
 
 

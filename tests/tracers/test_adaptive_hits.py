@@ -13,19 +13,19 @@ from test_tracers import GRID_TRACERS, hits_of
 from harness import tracers
 from harness.data import Rays, differing
 from harness.spec.intersectors import INTERSECTORS
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Adaptive, Uniform
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", MESHES)
 def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, spec):
     mesh, rays = MESHES[name]
-    setting = setting_of(device, mesh, spec)
+    prepared = setting_of(device, mesh, spec)
     for intersector in ("ray-space", "havel-herout"):
-        expected = hits_of(setting, rays, "brute", intersector)
+        expected = hits_of(prepared, rays, "brute", intersector)
         assert (expected.primitive >= 0).any()
         for tracer in GRID_TRACERS:
-            assert hits_of(setting, rays, tracer, intersector).tobytes() == expected.tobytes(), tracer
+            assert hits_of(prepared, rays, tracer, intersector).tobytes() == expected.tobytes(), tracer
 
 
 @pytest.mark.parametrize("arrange", ["two-pass", "record"])
@@ -34,52 +34,52 @@ def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, spec):
 @pytest.mark.parametrize("copied", ["index", "copy"])
 def test_options_of_the_deferred_tracer_change_no_bit(device, arrange, wave, lanes, copied):
     mesh, rays = MESHES["clumps"]
-    setting = setting_of(device, mesh, SPECS[1])
+    prepared = setting_of(device, mesh, SPECS[1])
     options = {"arrange": arrange, "wave": wave, "lanes": lanes, "pairs": copied, "growth": "2"}
-    assert hits_of(setting, rays, "deferred", **options).tobytes() == hits_of(setting, rays, "brute").tobytes()
+    assert hits_of(prepared, rays, "deferred", **options).tobytes() == hits_of(prepared, rays, "brute").tobytes()
 
 
 def test_walls_on_cell_planes_and_origins_on_them(device):
     """Squares on planes between cells; rays at their edges, along them and from points on them; -0.0 directions."""
     mesh = on_planes(device)
-    setting = setting_of(device, mesh, SPECS[1])
+    prepared = setting_of(device, mesh, SPECS[1])
     generator, count = np.random.default_rng(4), 1500
     rays = aimed_rays(mesh[200:], (0.31, 0.52, 0.47), count)
-    size = setting.grid.cell_size * 2 ** (setting.grid.shape[3] - 1)
-    origins = (setting.grid.lower + size * generator.integers(0, 5, (count, 3))).astype(np.float32)
+    size = prepared.structure.cell_size * 2 ** (prepared.structure.shape[3] - 1)
+    origins = (prepared.structure.lower + size * generator.integers(0, 5, (count, 3))).astype(np.float32)
     directions = np.zeros((count, 3), np.float32)
     directions[np.arange(count), np.arange(count) % 3] = np.where(np.arange(count) // 3 % 2, 1, -1)
     directions[::2] *= np.float32(-1)  # turns the zeros of every second ray into -0.0
     along = Rays(origins, directions, np.full(count, np.inf, np.float32))
     for part in (rays, along):
-        expected = hits_of(setting, part, "brute")
+        expected = hits_of(prepared, part, "brute")
         assert (expected.primitive >= 0).any()
         for tracer in GRID_TRACERS:
-            assert differing(hits_of(setting, part, tracer), expected) == 0, tracer
+            assert differing(hits_of(prepared, part, tracer), expected) == 0, tracer
 
 
 @pytest.mark.parametrize("thickness", [0.0, 1e-6, 1e-3])
 @pytest.mark.parametrize("offset", [0.0, 1000.0])
 def test_flat_and_distant_scenes(device, thickness, offset):
     mesh = (soup(3000, size=0.03) * np.float32([1, 1, thickness]) + np.float32(offset)).astype(np.float32)
-    setting = setting_of(device, mesh)
+    prepared = setting_of(device, mesh)
     rays = random_rays(2000, low=offset - 1, high=offset + 2)
-    expected = hits_of(setting, rays, "brute")
+    expected = hits_of(prepared, rays, "brute")
     assert (expected.primitive >= 0).any()
     for tracer in GRID_TRACERS:
-        assert differing(hits_of(setting, rays, tracer), expected) == 0, tracer
+        assert differing(hits_of(prepared, rays, tracer), expected) == 0, tracer
 
 
 def test_counters_are_exact_and_empty_space_costs_few_steps(device):
     mesh, rays = MESHES["clumps"]
     counts = {}
-    for name, spec in (("adaptive", GridSpec(20, 8, "adaptive")), ("per-cell", GridSpec(20, 8, "per-cell"))):
-        setting = setting_of(device, mesh, spec)
-        deferred = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"wave": "1"})
+    for name, spec in (("adaptive", Adaptive(top=20, leaf=8)), ("per-cell", Uniform(20, 8, per_cell=True))):
+        prepared = setting_of(device, mesh, spec)
+        deferred = tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], {"wave": "1"})
         counts[name] = deferred.count(rays)
         assert counts[name] == deferred.count(rays)
         forward, optimal = (
-            tracers.find(tracer)(setting, INTERSECTORS["ray-space"], {}).count(rays)
+            tracers.find(tracer)(prepared, INTERSECTORS["ray-space"], {}).count(rays)
             for tracer in ("forward", "work-optimal")
         )
         assert (forward.tests, forward.pairs) == (optimal.tests, optimal.pairs)
@@ -91,10 +91,10 @@ def test_counters_are_exact_and_empty_space_costs_few_steps(device):
 def test_hits_written_in_lanes_are_those_written_one_by_one(device):
     """Also u and v, which no tracer computes itself."""
     mesh, rays = MESHES["soup"]
-    setting = setting_of(device, mesh)
+    prepared = setting_of(device, mesh)
     for name in REPRESENTATIVE:
         written = []
         for lanes in (1, 8):
-            other = dataclasses.replace(setting, device=dataclasses.replace(device, native_lanes=lanes))
+            other = dataclasses.replace(prepared, device=dataclasses.replace(device, native_lanes=lanes))
             written.append(hits_of(other, rays[:2999], "forward", name))
         assert (written[0].u > 0).any() and written[0].tobytes() == written[1].tobytes()

@@ -12,8 +12,7 @@ from harness.data import Scene, differing
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
 from harness.spec.intersectors import INTERSECTORS
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import Uniform
 from harness.tracers.deferred.bins import Bins
 from harness.tracers.deferred.compaction import BLOCKS, blocks_of, compact
 from harness.tracers.prepared import Prepared
@@ -50,15 +49,15 @@ def test_compaction_keeps_the_unfinished_rays_in_order(device, is_cpu, count, sh
 
 @pytest.mark.parametrize("fullest", [1, 9, 1000])
 def test_bins_are_laid_out_in_blocks_as_by_the_librarys_scan(device, fullest):
-    setting = Prepared.on_device(Scene("soup", soup(700)), device)
-    setting = dataclasses.replace(setting, grid=build_grid(setting.device_scene, GridSpec(2, 16)))
-    counts = np.random.default_rng(fullest).integers(0, fullest + 1, setting.grid.nonempty + 1).astype(np.int32)
+    prepared = Prepared.on_device(Scene("soup", soup(700)), device)
+    prepared = prepared.with_structure(Uniform(2, 16))
+    counts = np.random.default_rng(fullest).integers(0, fullest + 1, prepared.structure.nonempty + 1).astype(np.int32)
     laid_out = []
     for is_cpu in (True, False):
         other = dataclasses.replace(device, is_cpu=is_cpu)
         options = {"lanes": "8", "form": "lanes"}
         tracer = tracers.find("deferred")(
-            dataclasses.replace(setting, device=other), INTERSECTORS["ray-space"], options
+            dataclasses.replace(prepared, device=other), INTERSECTORS["ray-space"], options
         )
         bins = Bins(tracer)
         bins.cell_count[: len(counts)].set(counts)
@@ -76,12 +75,12 @@ def test_bins_are_laid_out_in_blocks_as_by_the_librarys_scan(device, fullest):
 @pytest.mark.parametrize(("lanes", "form"), [("1", "lanes"), ("8", "lanes"), ("1", "group")])
 def test_what_lies_in_the_unused_slots_of_bins_is_never_tested(device, pairs, lanes, form):
     """Rays of an earlier trace have hits of their own, which fewer, later rays must not get."""
-    setting = Prepared.on_device(Scene("soup", soup(700)), device)
-    setting = dataclasses.replace(setting, grid=build_grid(setting.device_scene, GridSpec(2, 16)))
+    prepared = Prepared.on_device(Scene("soup", soup(700)), device)
+    prepared = prepared.with_structure(Uniform(2, 16))
     options = {"lanes": lanes, "form": form, "pairs": pairs, "arrange": "record"}
 
     def fresh():
-        return tracers.find("deferred")(setting, INTERSECTORS["ray-space"], options)
+        return tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], options)
 
     used = fresh()
     earlier = used.trace(random_rays(3000, seed=1), Stopwatch(device.queue))

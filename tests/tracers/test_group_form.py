@@ -13,7 +13,7 @@ from harness import tracers
 from harness.data import Rays
 from harness.errors import DefrayError
 from harness.spec.intersectors import INTERSECTORS
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Uniform
 from harness.tracers.deferred.bins_packed import GROUP
 
 
@@ -21,9 +21,9 @@ from harness.tracers.deferred.bins_packed import GROUP
 @pytest.mark.parametrize("name", SCENES)
 def test_groups_agree_with_brute_force_bit_for_bit(device, name, intersector):
     triangles, rays = SCENES[name]
-    setting = setting_of(device, triangles, GridSpec(2, 6))
-    expected = hits_of(setting, rays, "brute", intersector)
-    hits = hits_of(setting, rays, "deferred", intersector, form="group")
+    prepared = setting_of(device, triangles, Uniform(2, 6))
+    expected = hits_of(prepared, rays, "brute", intersector)
+    hits = hits_of(prepared, rays, "deferred", intersector, form="group")
     assert (expected.primitive >= 0).any()
     assert hits.tobytes() == expected.tobytes()
 
@@ -31,11 +31,11 @@ def test_groups_agree_with_brute_force_bit_for_bit(device, name, intersector):
 @pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
 @pytest.mark.parametrize("pairs", ["index", "copy"])
 def test_options_of_a_group_change_no_bit(device, arrange, pairs):
-    setting = setting_of(device, soup())
+    prepared = setting_of(device, soup())
     for count in (1, GROUP - 1, GROUP + 1, 3000):
         rays = random_rays(count)
-        hits = hits_of(setting, rays, "deferred", form="group", arrange=arrange, pairs=pairs, wave="2")
-        assert hits.tobytes() == hits_of(setting, rays, "brute").tobytes(), count
+        hits = hits_of(prepared, rays, "deferred", form="group", arrange=arrange, pairs=pairs, wave="2")
+        assert hits.tobytes() == hits_of(prepared, rays, "brute").tobytes(), count
 
 
 @pytest.mark.parametrize("cells", [1, 2])
@@ -43,21 +43,21 @@ def test_bins_longer_than_a_group_and_lists_longer_than_a_tile(device, cells):
     """One cell for all, where every group shares its cell, and few cells, where some groups straddle two."""
     triangles, rays = icosphere(3), random_rays(5 * GROUP + 3, low=-1.5, high=1.5)
     assert len(triangles) > 4 * GROUP
-    setting = setting_of(device, triangles, GridSpec(cells, cells))
-    hits = hits_of(setting, rays, "deferred", form="group")
-    assert hits.tobytes() == hits_of(setting, rays, "brute").tobytes()
+    prepared = setting_of(device, triangles, Uniform(cells, cells))
+    hits = hits_of(prepared, rays, "deferred", form="group")
+    assert hits.tobytes() == hits_of(prepared, rays, "brute").tobytes()
 
 
 def test_equal_t_goes_to_the_lower_primitive_in_groups_too(device):
-    setting = setting_of(device, np.concatenate([soup(20), soup(20)]))
-    assert hits_of(setting, random_rays(500), "deferred", form="group").primitive.max() < 20
+    prepared = setting_of(device, np.concatenate([soup(20), soup(20)]))
+    assert hits_of(prepared, random_rays(500), "deferred", form="group").primitive.max() < 20
 
 
 def test_groups_count_the_same_work_without_padding(device):
     triangles, rays = SCENES["soup"]
-    setting = setting_of(device, triangles)
+    prepared = setting_of(device, triangles)
     found = {
-        form: tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"form": form}).count(rays)
+        form: tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], {"form": form}).count(rays)
         for form in ("lanes", "group")
     }
     for name in ("steps", "pairs", "tests", "waves"):
@@ -68,24 +68,24 @@ def test_groups_count_the_same_work_without_padding(device):
 
 
 def test_a_gpu_takes_groups_and_a_cpu_lanes(device):
-    setting = setting_of(device, soup(10))
+    prepared = setting_of(device, soup(10))
     for is_cpu, native, options, expected in (
         (True, 8, {}, False), (False, 1, {}, True), (False, 1, {"form": "lanes"}, False),
         (True, 8, {"form": "group"}, True), (True, 8, {"lanes": "1"}, False), (False, 1, {"lanes": "8"}, False),
     ):  # fmt: skip
         other = dataclasses.replace(device, is_cpu=is_cpu, native_lanes=native)
-        made = tracers.find("deferred")(dataclasses.replace(setting, device=other), None, options)
+        made = tracers.find("deferred")(dataclasses.replace(prepared, device=other), None, options)
         assert made.in_groups == expected and (made.lanes == 1 or not expected), (is_cpu, options)
 
 
 def test_a_whole_trace_as_on_a_gpu(device):
     """One lane, the library's sort, groups: what a device that is no CPU runs by default."""
     triangles, rays = SCENES["sphere"]
-    setting = setting_of(device, triangles)
-    gpu = dataclasses.replace(setting, device=dataclasses.replace(device, is_cpu=False, native_lanes=1))
+    prepared = setting_of(device, triangles)
+    gpu = dataclasses.replace(prepared, device=dataclasses.replace(device, is_cpu=False, native_lanes=1))
     for arrange in ("two-pass", "record", "sort"):
         hits = hits_of(gpu, rays, "deferred", arrange=arrange)
-        assert hits.tobytes() == hits_of(setting, rays, "brute").tobytes()
+        assert hits.tobytes() == hits_of(prepared, rays, "brute").tobytes()
 
 
 def test_a_group_of_several_lanes_is_refused(device):

@@ -12,7 +12,7 @@ from test_tracers import hits_of, setting_of
 from harness import tracers
 from harness.device.stopwatch import Stopwatch
 from harness.spec.intersectors import INTERSECTORS
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Uniform
 from harness.tracers.deferred import sort as _sort
 from harness.tracers.deferred.sort import SortedRecording
 
@@ -44,13 +44,13 @@ def test_pairs_are_sorted_by_cell_and_none_is_lost(device, monkeypatch, sorted_p
     monkeypatch.setattr(_sort, "MOST_DIGIT_BITS", most_bits)
     monkeypatch.setattr(_sort, "LEAST_BLOCK", 64)
     triangles, rays = soup(), random_rays(1500)
-    setting = setting_of(device, triangles, GridSpec(4, 16))
+    prepared = setting_of(device, triangles, Uniform(4, 16))
     chosen = dataclasses.replace(device, is_cpu=sorter == "blocks")
     made = tracers.find("deferred")(
-        dataclasses.replace(setting, device=chosen), INTERSECTORS["ray-space"], {"arrange": "sort", "wave": wave}
+        dataclasses.replace(prepared, device=chosen), INTERSECTORS["ray-space"], {"arrange": "sort", "wave": wave}
     )
     hits = made.trace(rays, Stopwatch(device.queue))
-    assert hits.tobytes() == hits_of(setting, rays, "brute").tobytes()
+    assert hits.tobytes() == hits_of(prepared, rays, "brute").tobytes()
     assert len(sorted_pairs) >= 1 and len(sorted_pairs[0][0]) > len(rays)
     for recorded, found in sorted_pairs:
         assert (np.diff((found >> np.uint64(32)).astype(np.int64)) >= 0).all()
@@ -58,8 +58,8 @@ def test_pairs_are_sorted_by_cell_and_none_is_lost(device, monkeypatch, sorted_p
 
 
 def test_sorting_is_timed_as_arranging(device):
-    setting = setting_of(device, soup())
-    made = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"arrange": "sort"})
+    prepared = setting_of(device, soup())
+    made = tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], {"arrange": "sort"})
     watch = Stopwatch(device.queue)
     made.trace(random_rays(20_000), watch)
     assert 0 < watch.seconds["arrange"] < watch.seconds["total"]
@@ -67,15 +67,15 @@ def test_sorting_is_timed_as_arranging(device):
 
 @pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
 def test_the_devices_memory_does_not_grow_with_the_number_of_rays(device, monkeypatch, arrange):
-    setting = setting_of(device, soup())
+    prepared = setting_of(device, soup())
     used = {}
     for batches in (1, 4):
-        made = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"arrange": arrange, "batch": "1000"})
+        made = tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], {"arrange": arrange, "batch": "1000"})
         rays = random_rays(1000)
         rays = dataclasses.replace(rays, **{
             name: np.concatenate([getattr(rays, name)] * batches) for name in ("origins", "directions", "t_max")
         })  # fmt: skip
         hits = made.trace(rays, Stopwatch(device.queue))
         assert len(hits) == 1000 * batches
-        used[batches] = {name: buffer.nbytes for name, buffer in made._buffers.items()}
+        used[batches] = made.buffers.sizes()
     assert used[4] == used[1] and used[1]

@@ -12,7 +12,7 @@ from test_tracers import hits_of, setting_of
 from harness import tracers
 from harness.data import Rays
 from harness.spec.intersectors import INTERSECTORS
-from harness.spec.structure import GridSpec
+from harness.spec.structure import Uniform
 
 
 def at_centres(mesh, count) -> Rays:
@@ -28,18 +28,18 @@ def at_centres(mesh, count) -> Rays:
 @pytest.mark.parametrize("growth", ["1", "2"])
 def test_options_change_no_bit(device, lanes, wave, streams, growth):
     mesh, rays = MESHES["clumps"]
-    setting = adaptive_setting(device, mesh, SPECS[1])
+    prepared = adaptive_setting(device, mesh, SPECS[1])
     options = {"lanes": lanes, "wave": wave, "streams": streams, "growth": growth}
-    expected = hits_of(setting, rays, "brute")
+    expected = hits_of(prepared, rays, "brute")
     assert (expected.primitive >= 0).any()
-    assert hits_of(setting, rays, "streamed", **options).tobytes() == expected.tobytes()
+    assert hits_of(prepared, rays, "streamed", **options).tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize("batch", ["64", "1000", "4096"])
 def test_batches_change_no_bit(device, batch):
     mesh, rays = MESHES["soup"]
-    setting = adaptive_setting(device, mesh)
-    assert hits_of(setting, rays, "streamed", batch=batch).tobytes() == hits_of(setting, rays, "brute").tobytes()
+    prepared = adaptive_setting(device, mesh)
+    assert hits_of(prepared, rays, "streamed", batch=batch).tobytes() == hits_of(prepared, rays, "brute").tobytes()
 
 
 @pytest.mark.parametrize("intersector", every_intersector())
@@ -50,27 +50,27 @@ def test_few_rays_against_many_triangles_a_cell(device, intersector, count, trac
     mesh = soup(400, size=0.6)
     mesh[200:] = mesh[:200]  # every hit is a tie
     rays = at_centres(mesh, count)
-    setting = setting_of(device, mesh, GridSpec(1, 2))
-    expected = hits_of(setting, rays, "brute", intersector)
+    prepared = setting_of(device, mesh, Uniform(1, 2))
+    expected = hits_of(prepared, rays, "brute", intersector)
     assert (expected.primitive >= 0).any() and expected.primitive.max() < 200
-    assert hits_of(setting, rays, tracer, intersector, lanes="8").tobytes() == expected.tobytes()
+    assert hits_of(prepared, rays, tracer, intersector, lanes="8").tobytes() == expected.tobytes()
 
 
 def test_idle_lanes_of_few_rays_are_counted(device):
     """One ray in one cell of n triangles: n tests, in whole vectors of triangles rather than n vectors of rays."""
     mesh = soup(100, size=0.9)
-    setting = setting_of(device, mesh, GridSpec(1, 1))
+    prepared = setting_of(device, mesh, Uniform(1, 1))
     for tracer in ("deferred", "streamed"):
-        counts = tracers.find(tracer)(setting, INTERSECTORS["ray-space"], {"lanes": "8"}).count(at_centres(mesh, 1))
+        counts = tracers.find(tracer)(prepared, INTERSECTORS["ray-space"], {"lanes": "8"}).count(at_centres(mesh, 1))
         assert counts.tests == 100 and counts.lane_tests == 104
 
 
 def test_counts_repeat_and_steps_and_pairs_are_those_of_deferred(device):
     mesh, rays = MESHES["clumps"]
-    setting = adaptive_setting(device, mesh)
+    prepared = adaptive_setting(device, mesh)
     options = {"wave": "4", "growth": "1"}
     streamed, again, deferred = (
-        tracers.find(name)(setting, INTERSECTORS["ray-space"], options).count(rays)
+        tracers.find(name)(prepared, INTERSECTORS["ray-space"], options).count(rays)
         for name in ("streamed", "streamed", "deferred")
     )
     assert streamed == again
@@ -82,11 +82,11 @@ def test_counts_repeat_and_steps_and_pairs_are_those_of_deferred(device):
 def test_one_stream_counts_waves_and_padding_as_deferred_does(device, growth, batch):
     """Its bins hold what those of the other hold at the end of a wave; more streams share them, so they pad more."""
     mesh, rays = MESHES["clumps"]
-    setting = adaptive_setting(device, mesh)
+    prepared = adaptive_setting(device, mesh)
     common = {"wave": "2", "growth": growth, "batch": batch, "lanes": "8"}
 
     def counted(name, **options):
-        return tracers.find(name)(setting, INTERSECTORS["ray-space"], common | options).count(rays)
+        return tracers.find(name)(prepared, INTERSECTORS["ray-space"], common | options).count(rays)
 
     one, three, deferred = counted("streamed", streams="1"), counted("streamed", streams="3"), counted("deferred")
     assert one.finished_per_wave == three.finished_per_wave == deferred.finished_per_wave
@@ -96,5 +96,5 @@ def test_one_stream_counts_waves_and_padding_as_deferred_does(device, growth, ba
 
 def test_more_streams_than_blocks_of_rays_is_no_matter(device):
     rays = random_rays(5)
-    setting = setting_of(device, soup(), GridSpec(2, 8))
-    assert hits_of(setting, rays, "streamed", streams="64").tobytes() == hits_of(setting, rays, "brute").tobytes()
+    prepared = setting_of(device, soup(), Uniform(2, 8))
+    assert hits_of(prepared, rays, "streamed", streams="64").tobytes() == hits_of(prepared, rays, "brute").tobytes()

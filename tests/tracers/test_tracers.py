@@ -13,8 +13,7 @@ from harness.data import Rays, Scene, differing
 from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
 from harness.spec.intersectors import INTERSECTORS, LANES
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import Uniform
 from harness.tracers.prepared import Prepared
 
 GRID_TRACERS = ("deferred", "streamed", "forward", "work-optimal")
@@ -30,28 +29,28 @@ SCENES = {
 }  # fmt: skip
 
 
-def setting_of(device, triangles, spec=GridSpec(4, 32)) -> Prepared:
+def setting_of(device, triangles, spec=Uniform(4, 32)) -> Prepared:
     """A scene on the device with its grid."""
-    setting = Prepared.on_device(Scene("test", triangles), device)
-    return dataclasses.replace(setting, grid=build_grid(setting.device_scene, spec))
+    prepared = Prepared.on_device(Scene("test", triangles), device)
+    return prepared.with_structure(spec)
 
 
-def hits_of(setting, rays, tracer, intersector="ray-space", **options):
+def hits_of(prepared, rays, tracer, intersector="ray-space", **options):
     """First hits by one variant."""
-    made = tracers.find(tracer)(setting, INTERSECTORS[intersector], options)
-    return made.trace(rays, Stopwatch(setting.device.queue))
+    made = tracers.find(tracer)(prepared, INTERSECTORS[intersector], options)
+    return made.trace(rays, Stopwatch(prepared.device.queue))
 
 
 @pytest.mark.parametrize("intersector", every_intersector())
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("spec", [GridSpec(4, 32), GridSpec(2, 6), GridSpec(3, 5, "per-cell")], ids=str)
+@pytest.mark.parametrize("spec", [Uniform(4, 32), Uniform(2, 6), Uniform(3, 5, per_cell=True)], ids=str)
 def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, intersector, spec):
     triangles, rays = SCENES[name]
-    setting = setting_of(device, triangles, spec)
-    expected = hits_of(setting, rays, "brute", intersector)
+    prepared = setting_of(device, triangles, spec)
+    expected = hits_of(prepared, rays, "brute", intersector)
     assert (expected.primitive >= 0).any()
     for tracer in GRID_TRACERS:
-        hits = hits_of(setting, rays, tracer, intersector)
+        hits = hits_of(prepared, rays, tracer, intersector)
         assert differing(hits, expected) == 0, tracer
         assert hits.tobytes() == expected.tobytes()
 
@@ -61,9 +60,9 @@ def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, intersect
 @pytest.mark.parametrize("tracer", [*GRID_TRACERS, "brute"])
 def test_lanes_change_no_bit(device, tracer, lanes, intersector):
     triangles, rays = SCENES["soup"]
-    setting = setting_of(device, triangles)
-    expected = hits_of(setting, rays, "brute", intersector, lanes="1")
-    assert hits_of(setting, rays, tracer, intersector, lanes=str(lanes)).tobytes() == expected.tobytes()
+    prepared = setting_of(device, triangles)
+    expected = hits_of(prepared, rays, "brute", intersector, lanes="1")
+    assert hits_of(prepared, rays, tracer, intersector, lanes=str(lanes)).tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
@@ -72,18 +71,18 @@ def test_lanes_change_no_bit(device, tracer, lanes, intersector):
 @pytest.mark.parametrize("batch", ["100000", "777"])
 def test_options_of_the_deferred_tracer_change_no_bit(device, arrange, wave, compaction, batch):
     triangles, rays = SCENES["soup"]
-    setting = setting_of(device, triangles)
+    prepared = setting_of(device, triangles)
     options = {"arrange": arrange, "wave": wave, "compaction": compaction, "batch": batch}
-    assert hits_of(setting, rays, "deferred", **options).tobytes() == hits_of(setting, rays, "brute").tobytes()
+    assert hits_of(prepared, rays, "deferred", **options).tobytes() == hits_of(prepared, rays, "brute").tobytes()
 
 
 @pytest.mark.parametrize("tracer", [*GRID_TRACERS, "brute"])
 def test_a_limited_ray_sees_nothing_beyond_its_limit(device, tracer):
     triangles, rays = SCENES["soup"]
-    setting = setting_of(device, triangles)
-    free = hits_of(setting, rays, "brute")
+    prepared = setting_of(device, triangles)
+    free = hits_of(prepared, rays, "brute")
     half = dataclasses.replace(rays, t_max=np.where(np.arange(len(rays)) % 2, free.t, free.t * np.float32(0.999)))
-    hits = hits_of(setting, half, tracer)
+    hits = hits_of(prepared, half, tracer)
     kept = np.arange(len(rays)) % 2 == 1
     assert (hits.primitive[kept] == free.primitive[kept]).all(), "the limit itself is within reach"
     assert (hits.primitive[~kept] == -1).all()
@@ -92,9 +91,9 @@ def test_a_limited_ray_sees_nothing_beyond_its_limit(device, tracer):
 @pytest.mark.parametrize("scale", [2.0**-40, 1.0, 2.0**60])
 def test_the_length_of_the_direction_scales_t_exactly(device, scale):
     triangles, rays = SCENES["soup"]
-    setting = setting_of(device, triangles)
-    plain = hits_of(setting, rays, "deferred")
-    scaled = hits_of(setting, dataclasses.replace(rays, directions=rays.directions * np.float32(scale)), "deferred")
+    prepared = setting_of(device, triangles)
+    plain = hits_of(prepared, rays, "deferred")
+    scaled = hits_of(prepared, dataclasses.replace(rays, directions=rays.directions * np.float32(scale)), "deferred")
     assert (scaled.primitive == plain.primitive).all()
     assert (scaled.t == plain.t / np.float32(scale)).all()
 
@@ -103,41 +102,41 @@ def test_the_length_of_the_direction_scales_t_exactly(device, scale):
 def test_signed_zeros_and_origins_on_planes(device, tracer):
     """-0.0 in a direction and origins exactly on cell planes lose no ray."""
     triangles = lattice_walls(4)
-    setting = setting_of(device, triangles, GridSpec(2, 8))
-    lower, size = setting.grid.lower, setting.grid.cell_size
+    prepared = setting_of(device, triangles, Uniform(2, 8))
+    lower, size = prepared.structure.lower, prepared.structure.cell_size
     planes = (lower + size * np.random.default_rng(4).integers(0, 9, (900, 3))).astype(np.float32)
     directions = np.zeros((900, 3), np.float32)
     axis, sign = np.arange(900) % 3, np.where(np.arange(900) // 3 % 2, 1, -1)
     directions[np.arange(900), axis] = sign
     directions[::2] *= np.float32(-1)  # turns the zeros of every second ray into -0.0
     rays = Rays(planes, directions, np.full(900, np.inf, np.float32))
-    assert differing(hits_of(setting, rays, tracer), hits_of(setting, rays, "brute")) == 0
+    assert differing(hits_of(prepared, rays, tracer), hits_of(prepared, rays, "brute")) == 0
 
 
 def test_equal_t_goes_to_the_lower_primitive(device):
     triangles = np.concatenate([soup(20), soup(20)])
-    setting = setting_of(device, triangles)
+    prepared = setting_of(device, triangles)
     for tracer in (*GRID_TRACERS, "brute"):
-        hits = hits_of(setting, random_rays(500), tracer)
+        hits = hits_of(prepared, random_rays(500), tracer)
         assert hits.primitive.max() < 20
 
 
 def test_rays_that_start_outside_or_pass_by(device):
     triangles = icosphere()
-    setting = setting_of(device, triangles)
+    prepared = setting_of(device, triangles)
     rays = random_rays(4000, low=-5, high=5)
-    expected = hits_of(setting, rays, "brute")
+    expected = hits_of(prepared, rays, "brute")
     assert (expected.primitive < 0).any() and (expected.primitive >= 0).any()
     for tracer in GRID_TRACERS:
-        assert differing(hits_of(setting, rays, tracer), expected) == 0
+        assert differing(hits_of(prepared, rays, tracer), expected) == 0
 
 
 def test_counters_are_exact_and_repeat(device):
     triangles, rays = SCENES["soup"]
-    setting = setting_of(device, triangles)
+    prepared = setting_of(device, triangles)
     counts = {}
     for options in ({"arrange": "two-pass"}, {"arrange": "record"}, {"arrange": "sort"}, {"batch": "1000"}):
-        made = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"lanes": "8", **options})
+        made = tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], {"lanes": "8", **options})
         counts[str(options)] = made.count(rays)
         assert made.count(rays) == counts[str(options)]
     two_pass, record, sort, batched = counts.values()
@@ -145,8 +144,8 @@ def test_counters_are_exact_and_repeat(device):
     assert (two_pass.steps, two_pass.pairs, two_pass.tests) == (batched.steps, batched.pairs, batched.tests)
     assert sum(two_pass.finished_per_wave) == len(rays)
     assert two_pass.lane_tests >= two_pass.tests >= two_pass.pairs > 0
-    forward = tracers.find("forward")(setting, INTERSECTORS["ray-space"], {}).count(rays)
-    optimal = tracers.find("work-optimal")(setting, INTERSECTORS["ray-space"], {}).count(rays)
+    forward = tracers.find("forward")(prepared, INTERSECTORS["ray-space"], {}).count(rays)
+    optimal = tracers.find("work-optimal")(prepared, INTERSECTORS["ray-space"], {}).count(rays)
     assert (forward.tests, forward.pairs) == (optimal.tests, optimal.pairs)
     assert forward.tests <= two_pass.tests
 
@@ -157,23 +156,23 @@ def test_flat_and_thin_scenes_seen_from_afar(device, thickness, distance):
     """Along an axis in which the scene is thin, rounding is that of its largest extent."""
     generator = np.random.default_rng(6)
     triangles = soup(3000, size=0.03) * np.float32([1, 1, thickness])
-    setting = setting_of(device, triangles, GridSpec(8, 128))
+    prepared = setting_of(device, triangles, Uniform(8, 128))
     target = generator.random((1500, 3)) * [1, 1, thickness]
     towards = generator.normal(size=(1500, 3))
     origins = (target - distance * towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
     rays = Rays(origins, (target - origins).astype(np.float32), np.full(1500, np.inf, np.float32))
-    expected = hits_of(setting, rays, "brute")
+    expected = hits_of(prepared, rays, "brute")
     assert (expected.primitive >= 0).mean() > 0.1
     for tracer in GRID_TRACERS:
-        assert differing(hits_of(setting, rays, tracer), expected) == 0, tracer
+        assert differing(hits_of(prepared, rays, tracer), expected) == 0, tracer
 
 
 def test_a_limited_ray_does_not_walk_on_through_empty_space(device):
-    setting = setting_of(device, icosphere(2), GridSpec(4, 32))
+    prepared = setting_of(device, icosphere(2), Uniform(4, 32))
     rays = random_rays(500, low=-0.3, high=0.3)
     short = dataclasses.replace(rays, t_max=np.full(500, 0.02, np.float32))
     for tracer in ("deferred", "forward"):
-        made = tracers.find(tracer)(setting, INTERSECTORS["ray-space"], {})
+        made = tracers.find(tracer)(prepared, INTERSECTORS["ray-space"], {})
         assert made.count(short).steps < 0.2 * made.count(rays).steps
         assert made.count(short).tests == 0
 
@@ -182,31 +181,31 @@ def test_a_distance_that_overflows_is_a_miss_for_every_tracer(device):
     """Not a hit at infinity for one and a miss for another."""
     tiny = (soup(5) * np.float32(2e-20)).astype(np.float32)
     triangles = np.concatenate([soup(50), tiny + np.float32(0)])
-    setting = setting_of(device, triangles)
+    prepared = setting_of(device, triangles)
     rays = random_rays(2000)
     for name in REPRESENTATIVE:
-        expected = hits_of(setting, rays, "brute", name)
+        expected = hits_of(prepared, rays, "brute", name)
         assert np.isfinite(expected.t[expected.primitive >= 0]).all()
         for tracer in GRID_TRACERS:
-            assert differing(hits_of(setting, rays, tracer, name), expected) == 0
+            assert differing(hits_of(prepared, rays, tracer, name), expected) == 0
 
 
 @pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
 def test_a_batch_whose_pairs_do_not_fit_is_halved(device, arrange):
     triangles, rays = SCENES["soup"]
     small = dataclasses.replace(device, max_allocation_bytes=150 << 10)
-    setting = dataclasses.replace(setting_of(device, triangles), device=small)
-    made = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], {"wave": "all", "arrange": arrange})
+    prepared = dataclasses.replace(setting_of(device, triangles), device=small)
+    made = tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], {"wave": "all", "arrange": arrange})
     watch = Stopwatch(device.queue)
     hits = made.trace(rays, watch)
     assert made.batch_size < len(rays)
     assert hits.tobytes() == hits_of(setting_of(device, triangles), rays, "brute").tobytes()
     assert watch.seconds["traverse"] <= watch.seconds["total"]
     options = {"wave": "all", "arrange": arrange}
-    halved = tracers.find("deferred")(setting, INTERSECTORS["ray-space"], options).count(rays)
+    halved = tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], options).count(rays)
     options["batch"] = str(made.batch_size)
-    assert halved == tracers.find("deferred")(setting, INTERSECTORS["ray-space"], options).count(rays)
-    tiny = dataclasses.replace(setting, device=dataclasses.replace(device, max_allocation_bytes=1 << 10))
+    assert halved == tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], options).count(rays)
+    tiny = dataclasses.replace(prepared, device=dataclasses.replace(device, max_allocation_bytes=1 << 10))
     with pytest.raises(DefrayError, match="use a coarser grid"):
         hits_of(tiny, rays, "deferred", wave="all", arrange=arrange)
 

@@ -12,14 +12,12 @@ import pytest
 from shapes import icosphere, random_rays, soup
 
 from harness import engine as pipeline
-from harness import tracers
+from harness import structures, tracers
 from harness.campaign.plan import expand
 from harness.data import Scene, differing
-from harness.errors import DefrayError
 from harness.records.run_row import GridFacts
 from harness.spec import intersectors
-from harness.spec.structure import AUTO, GridSpec, check_grid, make_grid, parse_grid
-from harness.structures import build_grid
+from harness.spec.structure import AUTO, Adaptive, parse_structure
 from harness.structures.adaptive import levels_of
 from harness.tracers.prepared import Prepared
 from harness.tuning import choose as auto
@@ -50,43 +48,43 @@ MODEL = CostModel(
 
 
 @pytest.fixture
-def setting(device):
+def prepared(device):
     """A small scene with its grid."""
     made = Prepared.on_device(Scene("soup", MESH), device)
-    return dataclasses.replace(made, grid=build_grid(made.device_scene, auto.spec_of(auto.TRIAL)))
+    return made.with_structure(Adaptive(auto.TRIAL))
 
 
-def deferred(setting, **options):
-    return tracers.find("deferred")(setting, TEST, {"arrange": "record", **options})
+def deferred(prepared, **options):
+    return tracers.find("deferred")(prepared, TEST, {"arrange": "record", **options})
 
 
 @pytest.mark.parametrize(("wave", "growth"), [(1, 1), (2, 1), (2, 2), (4, 1)])
-def test_work_of_the_sample_is_what_the_tracer_counts(setting, wave, growth):
+def test_work_of_the_sample_is_what_the_tracer_counts(prepared, wave, growth):
     rays = random_rays(1500)
-    tracer = deferred(setting, wave=str(wave), growth=str(growth))
-    counted = counted_work(tracer.count(rays), len(rays), setting.grid.nonempty)
+    tracer = deferred(prepared, wave=str(wave), growth=str(growth))
+    counted = counted_work(tracer.count(rays), len(rays), prepared.structure.nonempty)
     work, per_wave = sample_rays(tracer, rays).deferred_work(wave, growth, len(rays))
     for name in ("pairs", "tests", "active", "steps"):
         assert getattr(work, name) == pytest.approx(getattr(counted, name), rel=0.04), name
     assert per_wave.sum() == pytest.approx(work.pairs) and len(per_wave) == round(counted.waves * len(rays))
 
 
-def test_forward_work_of_the_sample_is_what_the_tracer_counts(setting):
+def test_forward_work_of_the_sample_is_what_the_tracer_counts(prepared):
     rays = random_rays(500)
-    tracer = tracers.find("forward")(setting, TEST, {})
+    tracer = tracers.find("forward")(prepared, TEST, {})
     counted, work = tracer.count(rays), sample_rays(tracer, rays).forward_work()
     assert [work.steps, work.pairs, work.tests] == [
         pytest.approx(value / 500) for value in (counted.steps, counted.pairs, counted.tests)
     ]
 
 
-def test_predicted_size_is_the_size_that_is_built(setting):
+def test_predicted_size_is_the_size_that_is_built(prepared):
     for density in (auto.TRIAL / 4, auto.TRIAL, auto.TRIAL * 4):
-        built = build_grid(setting.device_scene, GridSpec(0, 16, "adaptive", density))
-        finer, _, size = auto._size(MODEL, setting.grid, density, len(MESH))
-        assert finer == pytest.approx(calibrate.per_axis(built) / calibrate.per_axis(setting.grid))
+        built = structures.build(prepared.device_scene, Adaptive(density))
+        finer, _, size = auto._size(MODEL, prepared.structure, density, len(MESH))
+        assert finer == pytest.approx(calibrate.per_axis(built) / calibrate.per_axis(prepared.structure))
         assert size == pytest.approx(built.bytes, rel=0.25)
-    assert (8 ** levels_of(setting.grid.top_counts, auto.TRIAL, 4)).sum() == setting.grid.cells
+    assert (8 ** levels_of(prepared.structure.top_counts, auto.TRIAL, 4)).sum() == prepared.structure.cells
 
 
 def test_waves_end_where_they_should():
@@ -195,13 +193,13 @@ def test_options_that_are_given_are_kept():
     assert choice.options_for("forward", {"lanes": "4"}) == {"lanes": "4"}
 
 
-def test_choosing_takes_the_models_best(setting, monkeypatch):
+def test_choosing_takes_the_models_best(prepared, monkeypatch):
     monkeypatch.setattr(auto, "FEW_RAYS", 100)
     rays = random_rays(3000)
     for term, value, finest in (("lane_tests", 1e4, True), ("steps", 1e4, False)):
         model = MODEL.model_copy(update={"coefficients": {"rest": {term: value}}})
         monkeypatch.setattr(auto, "cost_models", lambda *_, model=model: {"deferred": model})
-        choice = auto.choose(setting, rays, "deferred", TEST)
+        choice = auto.choose(prepared, rays, "deferred", TEST)
         best = min(choice.candidates, key=lambda c: c.nanoseconds)
         assert best.density == (auto.DENSITIES[-1] if finest else auto.DENSITIES[0])
         assert choice.grid.spec.density == pick(list(choice.candidates)).density
@@ -210,7 +208,7 @@ def test_choosing_takes_the_models_best(setting, monkeypatch):
         assert facts["chosen"] == choice.why and facts["density"] == choice.grid.density
 
 
-def test_a_stream_is_chosen_for_by_its_own_model_and_told_which_tracer_is_faster(setting, monkeypatch):
+def test_a_stream_is_chosen_for_by_its_own_model_and_told_which_tracer_is_faster(prepared, monkeypatch):
     monkeypatch.setattr(auto, "FEW_RAYS", 100)
     rays = random_rays(3000)
     for cost, than in ((1e3, "faster"), (1e6, "slower")):
@@ -219,14 +217,14 @@ def test_a_stream_is_chosen_for_by_its_own_model_and_told_which_tracer_is_faster
             "deferred": MODEL.model_copy(update={"coefficients": {"rest": {"steps": cost}}}),
         }
         monkeypatch.setattr(auto, "cost_models", lambda *_, models=models: models)
-        choice = auto.choose(setting, rays, "streamed", TEST)
+        choice = auto.choose(prepared, rays, "streamed", TEST)
         assert f"; deferred, with density {auto.DENSITIES[0]}" in choice.why and f"predicted {than}" in choice.why
         assert "arrange" not in choice.options_for("streamed", {}) and "batch" in choice.options_for("streamed", {})
         assert choice.options_for("deferred", {})["arrange"] == "record"
 
 
-def test_streams_with_bins_of_their_own_leave_more_slots_unused(setting):
-    made = [tracers.find("streamed")(setting, TEST, {"streams": str(streams), "lanes": "8"}) for streams in (1, 2)]
+def test_streams_with_bins_of_their_own_leave_more_slots_unused(prepared):
+    made = [tracers.find("streamed")(prepared, TEST, {"streams": str(streams), "lanes": "8"}) for streams in (1, 2)]
     one, two = (unused_slots(tracer, 100, np.array([0.5]), 1000, Chances(1.0, 1.0)) for tracer in made)
     assert one < two < 2 * one
 
@@ -237,7 +235,7 @@ def test_a_trace_on_a_chosen_grid_has_the_hits_of_any_other(device, monkeypatch,
     monkeypatch.setattr(auto, "cost_models", lambda *_: {"deferred": MODEL})
     scene, rays = Scene("soup", MESH), random_rays(2000)
     chosen = pipeline.trace(scene, rays, device=device)
-    assert differing(chosen, pipeline.trace(scene, rays, grid="8/32", device=device)) == 0
+    assert differing(chosen, pipeline.trace(scene, rays, structure="8/32", device=device)) == 0
 
 
 def test_the_model_is_kept_on_file_and_another_state_of_the_kernels_is_another_file(device, tmp_path, monkeypatch):
@@ -265,23 +263,12 @@ def test_fitting_to_a_device_predicts_its_own_runs(device):
 
 
 def test_auto_is_read_from_text_and_from_sweeps(tmp_path):
-    assert parse_grid("auto") == make_grid(grid="auto") == check_grid(AUTO) == AUTO and str(AUTO) == "auto"
+    assert parse_structure("auto") == AUTO and str(AUTO) == "auto"
     file = tmp_path / "sweep.toml"
     file.write_text(
         '[[tiers.one.sweeps]]\nname = "a"\nscenes = "sponza"\ngrids = ["auto", "8/64"]\nvariants = ["deferred"]\n'
     )
-    assert [str(spec.grid) for spec in expand(file, "one")] == ["auto", "8/64 total"]
-
-
-@pytest.mark.parametrize("fields", [{"top": 8}, {"density": 0.3}, {"reading": "adaptive"}])
-def test_a_grid_said_twice_is_refused(fields):
-    with pytest.raises(DefrayError, match="leave them out"):
-        make_grid(grid="auto", **fields)
-
-
-def test_an_automatic_grid_with_a_resolution_is_refused():
-    with pytest.raises(DefrayError, match="unknown reading"):
-        check_grid(GridSpec(8, 128, "auto"))
+    assert [str(spec.structure) for spec in expand(file, "one")] == ["auto", "8/64 total"]
 
 
 def test_a_validation_with_too_few_rays_to_choose_for_is_one_line(monkeypatch, capsys):

@@ -28,13 +28,13 @@ from harness.data import Rays, Scene
 from harness.device.opened import open_device
 from harness.device.stopwatch import Stopwatch
 from harness.spec.intersectors import find
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import GridSpec, Uniform
+from harness import structures
 from harness.tracers.prepared import Prepared
 device, random = open_device("Portable Computing Language"), np.random.default_rng(1)
 triangles = (random.random((500, 1, 3)) + 0.2 * random.random((500, 3, 3))).astype(np.float32)
 setting = Prepared.on_device(Scene("made up", triangles), device)
-setting = dataclasses.replace(setting, grid=build_grid(setting.device_scene, GridSpec(2, 8)))
+setting = dataclasses.replace(setting, grid=structures.build(prepared.device_scene, Uniform(2, 8)))
 count = 1 << 18
 rays = Rays(random.random((count, 3), np.float32), random.normal(size=(count, 3)).astype(np.float32),
             np.full(count, np.inf, np.float32))

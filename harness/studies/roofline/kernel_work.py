@@ -11,12 +11,8 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 from harness.data import Counters
+from harness.structures.base import WalkWork
 
-# Three planes of three flops; in the adaptive grid sliding along the cube, three of two, and the box, three of eight.
-STEP_FLOPS = {"uniform": 9, "adaptive": 39}
-AXIS_FLOPS = 12  # of a ray's three axes in leaf cells, once a ray and wave: three flops and a division each
-START_FLOPS = 4 + AXIS_FLOPS + 18 + 6  # scaling by a power of two, axes, six planes of the bounds, entry position
-STEP_BYTES = 4 + 8  # an entry of the first level, and of the second a brick, or a leaf cell's number and box
 RAY, KEY, POSITION, EXIT, INDEX = 32, 8, 8, 4, 4  # bytes a ray
 
 
@@ -24,9 +20,10 @@ RAY, KEY, POSITION, EXIT, INDEX = 32, 8, 8, 4, 4  # bytes a ray
 class Facts:
     """A run's exact counts and the sizes of what its kernels read.
 
-    `walked`: rays walked, added up over the waves. `chunks`: groups of `lanes` pairs of one cell. `first_level`,
-    `second_level`: bytes of the grid's tables. `cells`: non-empty ones. `triangle_bytes`: of one triangle as stored.
-    `pair_bytes`: of one pair in its bin. `walk`: `uniform` or `adaptive`. `test_flops`: of one ray-triangle test.
+    `walked`: rays walked, added up over the waves. `chunks`: groups of `lanes` pairs of one cell. `walk`: what
+    walking the structure computes and reads, None for tracers that walk none. `cells`: non-empty ones.
+    `triangle_bytes`: of one triangle as stored. `pair_bytes`: of one pair in its bin. `test_flops`: of one
+    ray-triangle test.
     """
 
     rays: int
@@ -34,14 +31,12 @@ class Facts:
     counters: Counters
     walked: int
     lanes: int
-    first_level: int
-    second_level: int
     cells: int
     references: int
     triangles: int
     triangle_bytes: int
     pair_bytes: int
-    walk: str
+    walk: WalkWork | None
     test_flops: int
 
     @property
@@ -93,15 +88,19 @@ def _plain(flops: int, moved: int, uncached: int | None = None) -> KernelWork:
 
 
 def _tables(f: Facts) -> int:
-    """The grid's two levels, as steps read them."""
-    return f.table(f.first_level, 4 * f.counters.steps) + f.table(f.second_level, 8 * f.counters.steps)
+    """The structure's tables, as steps read them."""
+    return sum(f.table(size, read * f.counters.steps) for size, read in f.walk.tables)
+
+
+def _step_bytes(f: Facts) -> int:
+    return sum(read for _, read in f.walk.tables)
 
 
 def _walk(f: Facts, stored: int, stored_uncached: int) -> KernelWork:
     """A walk of all active rays: records of the rays, the grid, and what is stored of the pairs."""
-    flops = f.walked * AXIS_FLOPS + f.counters.steps * STEP_FLOPS[f.walk]
+    flops = f.walked * f.walk.ray_flops + f.counters.steps * f.walk.step_flops
     rays = f.walked * (INDEX + RAY + KEY + POSITION + EXIT)
-    return _plain(flops, rays + _tables(f) + stored, rays + STEP_BYTES * f.counters.steps + stored_uncached)
+    return _plain(flops, rays + _tables(f) + stored, rays + _step_bytes(f) * f.counters.steps + stored_uncached)
 
 
 def _stops(f: Facts) -> int:
@@ -197,13 +196,13 @@ def _trace_stream(f: Facts) -> KernelWork:
     """
     c, once = f.counters, replace(f, counters=replace(f.counters, waves=1))
     slots, loads = f.chunks * f.lanes, c.lane_tests // f.lanes
-    flops = f.walked * AXIS_FLOPS + c.steps * STEP_FLOPS[f.walk]
+    flops = f.walked * f.walk.ray_flops + c.steps * f.walk.step_flops
     state, stop, hits = INDEX + RAY + KEY + POSITION + EXIT, POSITION + EXIT, f.hits * (KEY + 4)
     bins = once.table(4 * f.lanes * f.cells, 4 * slots) + once.table(f.cells, c.pairs)
     least = f.rays * (state + stop) + hits + _tables(once) + bins
     least += once.table(4 * f.cells, 8 * f.chunks) + _test_tables(once, loads)
     kept = f.walked * (INDEX + POSITION + KEY + EXIT + INDEX)
-    most = f.walked * (state + stop) + kept + hits + STEP_BYTES * c.steps
+    most = f.walked * (state + stop) + kept + hits + _step_bytes(f) * c.steps
     most += 6 * c.pairs + 4 * c.padding + 4 * slots + RAY * c.pairs + 8 * f.chunks + loads * (4 + f.triangle_bytes)
     executed = flops + c.lane_tests * f.test_flops
     return KernelWork(flops + c.tests * f.test_flops, executed, least, most)
@@ -219,9 +218,9 @@ def _cells_one_by_one(f: Facts, rays: int, flops: int, tables: int, tables_uncac
 
 
 def _trace_forward(f: Facts) -> KernelWork:
-    flops = f.rays * AXIS_FLOPS + f.counters.steps * STEP_FLOPS[f.walk]
+    flops = f.rays * f.walk.ray_flops + f.counters.steps * f.walk.step_flops
     rays = f.rays * (RAY + 2 * KEY + POSITION + 4)
-    return _cells_one_by_one(f, rays, flops, _tables(f), STEP_BYTES * f.counters.steps)
+    return _cells_one_by_one(f, rays, flops, _tables(f), _step_bytes(f) * f.counters.steps)
 
 
 def _intersect_visited(f: Facts) -> KernelWork:
@@ -230,7 +229,7 @@ def _intersect_visited(f: Facts) -> KernelWork:
 
 
 def _start_rays(f: Facts) -> KernelWork:
-    return _plain(f.rays * START_FLOPS, f.rays * (28 + RAY + KEY + POSITION + EXIT))
+    return _plain(f.rays * f.walk.start_flops, f.rays * (28 + RAY + KEY + POSITION + EXIT))
 
 
 def _start_without_grid(f: Facts) -> KernelWork:

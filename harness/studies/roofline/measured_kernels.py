@@ -4,15 +4,13 @@ ceilings. Rows of `roofline.jsonl`."""
 from __future__ import annotations
 
 import dataclasses
-import random
 from collections.abc import Callable, Iterator, Sequence
 
 from harness import stats
-from harness.data import differing
 from harness.device.stopwatch import OUTSIDE, KernelWatch
 from harness.errors import DefrayError
 from harness.measure.group import Group, Run, scene_facts
-from harness.measure.interleave import warm_up
+from harness.measure.interleave import note_hits, warm_up
 from harness.records.origin import identity
 from harness.records.roofline_row import SCHEMA
 from harness.reference.check import Agreement
@@ -44,18 +42,14 @@ def measure_roofline(
 
 def _repeat(group: Group, runs: Sequence[Run], ceilings: Ceilings, tell) -> tuple[list[dict], dict[str, list]]:
     """Samples of the ceilings and the watches of each run, by its id, repetition by repetition."""
-    generator, samples = random.Random(group.seed), []
+    samples, repetitions = [], runs[0].spec.repetitions
     watches: dict[str, list[KernelWatch]] = {run.spec.id: [] for run in runs}
-    for turn in range(runs[0].spec.repetitions):
-        tell(f"repetition {turn + 1} of {runs[0].spec.repetitions}")
-        for run in generator.sample(list(runs), len(runs)):
-            samples.append(ceilings.measure())
-            watch = KernelWatch(group.device.queue)
-            hits = run.tracer.trace(group.rays, watch)
-            watches[run.spec.id].append(watch)
-            if run.hits is not None:
-                run.unstable = max(run.unstable, differing(hits, run.hits))
-            run.hits = hits
+    for turn, _, run in stats.interleaved(runs, repetitions, group.seed):
+        tell(f"repetition {turn + 1} of {repetitions}")
+        samples.append(ceilings.measure())
+        watch = KernelWatch(group.device.queue)
+        note_hits(run, run.tracer.trace(group.rays, watch))
+        watches[run.spec.id].append(watch)
     return samples, watches
 
 
@@ -74,7 +68,8 @@ def _ceiling_rows(ceilings: Ceilings, samples: Sequence[dict]) -> dict:
 
 def facts_of(group: Group, run: Run) -> Facts:
     """Exact counts of a run, from its instrumented build, and sizes of its arrays."""
-    tracer, grid, counters = run.tracer, group.setting.grid if run.tracer.needs_grid else None, run.counters
+    tracer, counters = run.tracer, run.counters
+    structure = group.prepared.structure if tracer.needs_structure else None
     walked = walked_rays(counters, len(group.rays), tracer.batch_size, getattr(tracer.options, "compaction", True))
     return Facts(
         rays=len(group.rays),
@@ -82,20 +77,18 @@ def facts_of(group: Group, run: Run) -> Facts:
         counters=counters,
         walked=walked,
         lanes=tracer.lanes,
-        first_level=grid.top_block.nbytes if grid else 0,
-        second_level=grid.leaves.nbytes if grid else 0,
-        cells=grid.nonempty if grid else 0,
-        references=len(grid.references) if grid else 0,
+        cells=structure.nonempty if structure else 0,
+        references=len(structure.references) if structure else 0,
         triangles=len(group.shared.scene),
         triangle_bytes=tracer.intersector.bytes,
         pair_bytes=4 * getattr(tracer.options, "pair_words", 1),
-        walk="adaptive" if grid and grid.spec.reading == "adaptive" else "uniform",
+        walk=structure.walk_work if structure else None,
         test_flops=tracer.intersector.flops,
     )
 
 
 def _row(group: Group, run: Run, agreement: Agreement, watches: list[KernelWatch], ceilings: dict) -> dict:
-    spec, grid, rays = run.spec, group.setting.grid, group.rays
+    spec, grid, rays = run.spec, group.prepared.structure, group.rays
     valid = agreement.valid and agreement.reference != "none"
     facts = facts_of(group, run)
     return {
@@ -107,7 +100,7 @@ def _row(group: Group, run: Run, agreement: Agreement, watches: list[KernelWatch
         "intersector": run.tracer.intersector.name,
         "options": spec.variant.options,
         "lanes": run.tracer.lanes,
-        "grid": grid.describe() if run.tracer.needs_grid else None,
+        "grid": grid.describe() if run.tracer.needs_structure else None,
         "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
         "repetitions": len(watches),
         "ceilings": ceilings,

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from harness import tracers
 from harness.data import Rays, Scene
 from harness.device.opened import Device
-from harness.device.stopwatch import Stopwatch
 from harness.reference.check import Checker
 from harness.spec.intersectors import Intersector
-from harness.stats import interval
+from harness.stats import interleaved, interval
 from harness.studies.stability.closed_meshes import icosphere
 from harness.studies.stability.pairs import MODES
+from harness.tracers import open_tracer
 from harness.tracers.prepared import Prepared
 
 RAYS = 1 << 15
@@ -37,25 +35,19 @@ def kernel_rates(
     Repetitions are interleaved in random order. A mesh of 1,280 triangles stays in cache: the rate is that of
     arithmetic. A test is one ray with one triangle.
     """
-    setting, shot = _setting(device, rays)
-    tests = rays * len(setting.scene)
+    prepared, shot = _icosphere(device, rays)
+    tests = rays * len(prepared.scene)
     runs, verdicts = {}, {}
-    checker = Checker(setting.scene.triangles, shot)
+    checker = Checker(prepared.scene.triangles, shot)
     for entry in intersectors:
         for mode in MODES:
             progress(f"warming up {entry.name}", len(runs), 2 * len(intersectors))
-            runs[entry.name, mode] = tracers.find("brute")(setting, entry, {"contraction": mode})
-            verdicts[entry.name, mode] = checker.check(runs[entry.name, mode].trace(shot, Stopwatch(device.queue)))
+            runs[entry.name, mode] = open_tracer(prepared, f"brute:{entry.name}:contraction={mode}")
+            verdicts[entry.name, mode] = checker.check(runs[entry.name, mode].timed(shot)[0])
     samples: dict[tuple, list[float]] = {key: [] for key in runs}
-    generator = random.Random(SEED)
-    for turn in range(repetitions):
-        order = list(runs)
-        generator.shuffle(order)
+    for turn, _, key in interleaved(list(runs), repetitions, SEED):
         progress(f"repetition {turn + 1}", turn, repetitions)
-        for key in order:
-            watch = Stopwatch(device.queue)
-            runs[key].trace(shot, watch)
-            samples[key].append(tests / watch.seconds["intersect"])
+        samples[key].append(tests / runs[key].timed(shot)[1]["intersect"])
     return [
         {
             "intersector": name,
@@ -67,7 +59,7 @@ def kernel_rates(
     ]
 
 
-def _setting(device: Device, count: int) -> tuple[Prepared, Rays]:
+def _icosphere(device: Device, count: int) -> tuple[Prepared, Rays]:
     generator = np.random.Generator(np.random.Philox(key=[SEED, 0]))
     vertices, faces = icosphere(3, generator)
     scene = Scene("icosphere", vertices[faces].astype(np.float32))

@@ -114,8 +114,8 @@ class _SceneTrial:
         """Metrics of every case."""
         tracer = "deferred" if self.verify else "brute"
         found = []
-        for (triangles, rays), setting in zip(self.parts, self.settings, strict=True):
-            hits = whole_scenes.trace(setting, rays, tracer, intersector, mode)
+        for (triangles, rays), prepared in zip(self.parts, self.settings, strict=True):
+            hits = whole_scenes.trace(prepared, rays, tracer, intersector, mode)
             found.append(
                 whole_scenes.judge_verify(hits)
                 if self.verify

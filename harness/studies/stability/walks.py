@@ -18,9 +18,8 @@ from harness.data import Rays
 from harness.device.opened import Device
 from harness.device.program import build
 from harness.device.runtime import cl
-from harness.spec.structure import GridSpec
-from harness.structures.base import Grid
-from harness.structures.uniform import bricks_per_block, pad_cells
+from harness.spec.structure import Uniform
+from harness.structures.uniform import UniformGrid, bricks_per_block, pad_cells
 
 MISTAKES = {"": 0, "accumulated": 1, "zero-ahead": 2}  # of kernels/studies/walk_cells.cl
 FAR = 16  # sizes of the grid; from about 64 on, the rounding of origins exceeds the pad
@@ -38,7 +37,7 @@ class Coverage:
     longest: np.ndarray
 
 
-def solid_grid(device: Device, spec: GridSpec, lower, cell_size, empty: np.ndarray | None = None) -> Grid:
+def solid_grid(device: Device, spec: Uniform, lower, cell_size, empty: np.ndarray | None = None) -> UniformGrid:
     """A grid without triangles whose leaf cells all count as non-empty, except in the `empty` top cells bool[top^3].
 
     All top cells share one block, so that it takes no room at any resolution.
@@ -46,7 +45,7 @@ def solid_grid(device: Device, spec: GridSpec, lower, cell_size, empty: np.ndarr
     empty = np.zeros(spec.top**3, bool) if empty is None else empty
     bricks = np.full((bricks_per_block(spec), 2), 0xFFFFFFFF, np.uint32)
     bricks[:, 1] = 32 * np.arange(len(bricks))
-    return Grid(
+    return UniformGrid(
         spec=spec,
         lower=np.array(lower, np.float32),
         cell_size=np.array(cell_size, np.float32),
@@ -60,12 +59,12 @@ def solid_grid(device: Device, spec: GridSpec, lower, cell_size, empty: np.ndarr
     )
 
 
-def most_steps(spec: GridSpec) -> int:
+def most_steps(spec: Uniform) -> int:
     """Steps that a walk may take: one plane after the other along each axis."""
     return 3 * spec.resolution
 
 
-def walk(device: Device, grid: Grid, rays: Rays, mistake: str = "") -> tuple[np.ndarray, np.ndarray]:
+def walk(device: Device, grid: UniformGrid, rays: Rays, mistake: str = "") -> tuple[np.ndarray, np.ndarray]:
     """Non-empty leaf cells each ray visits, int32[n,m], -1 beyond its last, and int32[n] its steps.
 
     Cells are numbered (z * resolution + y) * resolution + x. A walk that takes too many steps is cut off one step
@@ -79,14 +78,14 @@ def walk(device: Device, grid: Grid, rays: Rays, mistake: str = "") -> tuple[np.
     visited = cl.array.empty(device.queue, count * slots, np.int32)
     found, steps = (cl.array.empty(device.queue, count, np.int32) for _ in range(2))
     defines = grid.defines | ({"MISTAKE": MISTAKES[mistake]} if mistake else {})
-    program = build(device, "studies/walk_cells.cl", defines=defines)
+    program = build(device, "studies/walk_cells.cl", structure=grid.header, defines=defines)
     program.launch("walk_cells", count, *(count, origins, directions, *grid.arguments, slots, visited, found, steps))
     cells, found = visited.get().reshape(count, slots), found.get()
     cells = cells[:, : max(int(found.max()), 1)]
     return np.where(np.arange(cells.shape[1]) < found[:, None], cells, -1), steps.get()
 
 
-def coverage(grid: Grid, rays: Rays, visited: np.ndarray, pad: np.ndarray | None = None) -> Coverage:
+def coverage(grid: UniformGrid, rays: Rays, visited: np.ndarray, pad: np.ndarray | None = None) -> Coverage:
     """What of each ray's path the `visited` cells int32[n,m] do not cover when grown by `pad` cells, float[3].
 
     Without `pad`, that of the padded overlap test. A path starts at the ray's origin; its part within the pad of
@@ -143,7 +142,7 @@ def _gaps(enter, leave, first, last, speed) -> Coverage:
     return Coverage((gap > 0).sum(axis=1), gap.max(axis=1))
 
 
-def check_walk(device: Device, grid: Grid, rays: Rays, mistake: str = "", pad=None) -> dict:
+def check_walk(device: Device, grid: UniformGrid, rays: Rays, mistake: str = "", pad=None) -> dict:
     """Walk all rays and count what is lost: rays, leaks (rays with an uncovered stretch), stretches, worst_chord
     (the longest, in cells), steps_over (rays that take more steps than there are planes)."""
     total = {"rays": len(rays), "leaks": 0, "stretches": 0, "worst_chord": 0.0, "steps_over": 0}
@@ -163,12 +162,12 @@ def check_walk(device: Device, grid: Grid, rays: Rays, mistake: str = "", pad=No
 class Lattice:
     """Where a grid lies: `lower` and `cell_size`, three float32 each; `empty`: the share of empty top cells."""
 
-    spec: GridSpec
+    spec: Uniform
     lower: tuple
     cell_size: tuple
     empty: float = 0.0
 
-    def grid(self, device: Device, seed: int) -> Grid:
+    def grid(self, device: Device, seed: int) -> UniformGrid:
         """The grid on the device, its empty top cells drawn by `seed`."""
         chance = generator(seed, 0).random(self.spec.top**3)
         return solid_grid(device, self.spec, self.lower, self.cell_size, chance < self.empty)
@@ -265,10 +264,10 @@ def with_denormals(lattice: Lattice, random: np.random.Generator, count: int) ->
 
 
 _SIZES = (0.0137, 0.0171, 0.0093)  # no power of two, and different along each axis
-_EVEN = Lattice(GridSpec(8, 128), (-1, -1, -1), (2.0**-6,) * 3)
-_UNEVEN = Lattice(GridSpec(8, 128), (-0.37, 0.11, -2.3), _SIZES)
-_SHIFTED = Lattice(GridSpec(8, 128), (1000.1, -1000.2, 1000.3), _SIZES)
-_FINE = Lattice(GridSpec(8, 1024), (-0.37, 0.11, -2.3), _SIZES)
+_EVEN = Lattice(Uniform(8, 128), (-1, -1, -1), (2.0**-6,) * 3)
+_UNEVEN = Lattice(Uniform(8, 128), (-0.37, 0.11, -2.3), _SIZES)
+_SHIFTED = Lattice(Uniform(8, 128), (1000.1, -1000.2, 1000.3), _SIZES)
+_FINE = Lattice(Uniform(8, 1024), (-0.37, 0.11, -2.3), _SIZES)
 Maker = Callable[[Lattice, np.random.Generator, int], Rays]
 G1: dict[str, tuple[Lattice, Maker]] = {
     "128, power-of-two cells": (_EVEN, towards_edges),

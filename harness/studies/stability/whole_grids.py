@@ -6,7 +6,6 @@ of its plane is lost to rays that rounding takes to the other side.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 from types import SimpleNamespace
 
@@ -15,16 +14,15 @@ import numpy as np
 from harness import tracers
 from harness.data import Hits, Rays, Scene
 from harness.device.opened import Device
-from harness.device.stopwatch import Stopwatch
 from harness.spec.intersectors import Intersector
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.run_spec import Variant
+from harness.spec.structure import Uniform
 from harness.structures.base import OVERLAPS
 from harness.structures.uniform import grid_box
 from harness.tracers.forward import EXITS
 from harness.tracers.prepared import Prepared
 
-SPEC = GridSpec(4, 32)
+SPEC = Uniform(4, 32)
 TRACERS = {"forward": {"exit": "keep"}, "deferred": {}}
 _STREAM = 4 << 32  # separates these random numbers from those of other ray sets with the same seed
 _ANCHOR = 1 / 64  # size of the two triangles that fix the bounds of the scenes with walls
@@ -133,14 +131,10 @@ def grid_inputs(name: str, count: int, seed: int) -> tuple[np.ndarray, Rays]:
     return triangles, aimed_rays(triangles, count, random)
 
 
-def trace(setting: Prepared, rays: Rays, tracer: str, intersector: Intersector, options: dict) -> Hits:
+def trace(prepared: Prepared, rays: Rays, tracer: str, intersector: Intersector, options: dict) -> Hits:
     """First hits by one tracer."""
-    return tracers.find(tracer)(setting, intersector, options).trace(rays, Stopwatch(setting.device.queue))
-
-
-def with_grid(setting: Prepared, binning: str) -> Prepared:
-    """The same scene with a grid of SPEC."""
-    return dataclasses.replace(setting, grid=build_grid(setting.device_scene, SPEC, binning))
+    variant = Variant(tracer=tracer, intersector=intersector.name, options=options)
+    return tracers.open_tracer(prepared, variant).timed(rays)[0]
 
 
 def changed(hits: Hits, expected: Hits) -> np.ndarray:
@@ -157,11 +151,11 @@ def grid_family(device: Device, intersector: Intersector, contraction: str, rays
     found, count = {}, max(1, rays // len(SCENES))
     for name in SCENES:
         triangles, aimed = grid_inputs(name, count, seed)
-        setting = with_grid(Prepared.on_device(Scene(name, triangles), device), "padded")
+        prepared = Prepared.on_device(Scene(name, triangles), device).with_structure(SPEC, "padded")
         mode = {"contraction": contraction}
-        expected = trace(setting, aimed, "brute", intersector, mode)
+        expected = trace(prepared, aimed, "brute", intersector, mode)
         lost = {
-            tracer: changed(trace(setting, aimed, tracer, intersector, mode | options), expected)
+            tracer: changed(trace(prepared, aimed, tracer, intersector, mode | options), expected)
             for tracer, options in TRACERS.items()
         }
         found[name] = {
@@ -187,9 +181,9 @@ def binning_study(device: Device, intersector: Intersector, rays: int, seed: int
         bare = Prepared.on_device(Scene(name, triangles), device)
         expected = trace(bare, aimed, "brute", intersector, {})
         for binning in OVERLAPS:
-            setting = with_grid(bare, binning)
+            prepared = bare.with_structure(SPEC, binning)
             for rule in EXITS:
-                hits = trace(setting, aimed, "forward", intersector, {"exit": rule})
+                hits = trace(prepared, aimed, "forward", intersector, {"exit": rule})
                 leaks, hit = int(changed(hits, expected).sum()), expected.primitive >= 0
                 rows.append(
                     {
@@ -197,7 +191,7 @@ def binning_study(device: Device, intersector: Intersector, rays: int, seed: int
                         "binning": binning,
                         "exit": rule,
                         "triangles": len(triangles),
-                        "references": setting.grid.describe()["references"],
+                        "references": prepared.structure.describe()["references"],
                         "rays": rays,
                         "hits": int(hit.sum()),
                         "lost": int((hit & (hits.primitive < 0)).sum()),

@@ -2,39 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from harness import tracers
 from harness.data import Hits, Rays, Scene
 from harness.device.opened import Device
-from harness.device.stopwatch import Stopwatch
 from harness.reference.check import Checker
 from harness.reference.exact import zero_area
 from harness.spec.intersectors import Intersector
+from harness.spec.run_spec import Variant
 from harness.spec.stress_suite import METRICS
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
+from harness.spec.structure import Uniform
 from harness.studies.stability.closed_meshes import globe
 from harness.studies.stability.failures import GROSS_ULP
 from harness.tracers.prepared import Prepared
 
-GRID = GridSpec(8, 64)
+GRID = Uniform(8, 64)
 SPHERE_DIVISIONS, PLANE_DIVISIONS = 289, 500  # cells an edge: 500 x 1000 on the sphere of six faces, 500 x 500
 SPHERE_RADIUS, PLANE_SIZE, PLANE_DISTANCE = 2.0, 12.0, 3.0
 
 
 def prepare(device: Device, triangles: np.ndarray) -> Prepared:
     """A scene on the device, with its grid."""
-    setting = Prepared.on_device(Scene("stability", triangles), device)
-    return replace(setting, grid=build_grid(setting.device_scene, GRID))
+    prepared = Prepared.on_device(Scene("stability", triangles), device)
+    return prepared.with_structure(GRID)
 
 
-def trace(setting: Prepared, rays: Rays, tracer: str, intersector: Intersector, contraction: str) -> Hits:
+def trace(prepared: Prepared, rays: Rays, tracer: str, intersector: Intersector, contraction: str) -> Hits:
     """First hits by one tracer."""
-    made = tracers.find(tracer)(setting, intersector, {"contraction": contraction})
-    return made.trace(rays, Stopwatch(setting.device.queue))
+    variant = Variant(tracer=tracer, intersector=intersector.name, options={"contraction": contraction})
+    return tracers.open_tracer(prepared, variant).timed(rays)[0]
 
 
 def verify_inputs(case: dict, count: int, generator: np.random.Generator) -> tuple[np.ndarray, Rays]:

@@ -10,15 +10,15 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
+from harness import structures
 from harness.device.opened import open_device
 from harness.errors import DefrayError
 from harness.inputs.scenes import SEED, list_scenes, real_scene, stand_in_scene
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
-from harness.structures.base import upload_scene
+from harness.spec.structure import Uniform
+from harness.structures.device_scene import upload_scene
 from scenes import recipes
 
-GRID = GridSpec(8, 128)
+GRID = Uniform(8, 128)
 LIMIT_BYTES = 12 * 2**30  # of peak memory
 STEPS = ("generate", "build", "build real")
 
@@ -58,9 +58,9 @@ def measure_here(name: str, step: str, device_part: str | None = None) -> Footpr
     elif step in STEPS:
         scene = stand_in_scene(recipe) if step == "build" else real_scene(recipe)
         uploaded = upload_scene(open_device(device_part), scene.triangles)
-        build_grid(uploaded, GRID)  # compiles what the builder needs
+        structures.build(uploaded, GRID)  # compiles what the builder needs
         cpu_started = time.process_time()
-        seconds, count = build_grid(uploaded, GRID).build_seconds, len(scene)
+        seconds, count = structures.build(uploaded, GRID).build_seconds, len(scene)
     else:
         raise DefrayError(f"unknown step '{step}'; known: {', '.join(STEPS)}")
     cpu_seconds = time.process_time() - cpu_started

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,10 +16,8 @@ from harness.errors import DefrayError, known
 from harness.inputs.rays import make_rays
 from harness.inputs.scenes import real_scene, stand_in_scene
 from harness.reference.embree_scene import EmbreeScene
-from harness.spec.intersectors import find
-from harness.spec.structure import GridSpec
-from harness.structures import build_grid
-from harness.tracers.deferred.tracer import Deferred
+from harness.spec.structure import Uniform
+from harness.tracers import open_tracer
 from harness.tracers.prepared import Prepared
 from scenes import Recipe, recipes
 
@@ -109,12 +106,11 @@ def measure(scene: Scene, device: Device, rays: int = RAYS) -> dict[str, float]:
     hits = embree.trace(diffuse)
     to_hit = Rays(diffuse.origins, diffuse.directions, np.minimum(hits.t, diffuse.t_max), diffuse.kind, diffuse.seed)
     figures = {"triangles": float(len(scene)), "rays that hit, share": float((hits.primitive >= 0).mean())}
-    setting = Prepared.on_device(scene, device)
+    prepared = Prepared.on_device(scene, device)
     for resolution in RESOLUTIONS:
-        grid = build_grid(setting.device_scene, GridSpec(8, resolution))
-        tracer = Deferred(dataclasses.replace(setting, grid=grid), find("ray-space"), {})
+        tracer = open_tracer(prepared.with_structure(Uniform(8, resolution)), "deferred")
         counted = tracer.walk_counts(to_hit)
-        here = cell_figures(grid.cell_start.get(), len(scene), resolution**3)
+        here = cell_figures(tracer.structure.cell_start.get(), len(scene), resolution**3)
         here["cells a ray, non-empty"] = counted.pairs / rays
         here["cells a ray, all"] = counted.steps / rays
         figures |= {f"{resolution}: {name}": value for name, value in here.items()}

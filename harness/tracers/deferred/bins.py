@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from harness.device.primitives import chunk_scan
 from harness.device.runtime import cl
 from harness.tracers.batch import Batch, BatchTooLarge
 from harness.tracers.deferred.compaction import BLOCKS, blocks_of
-
-if TYPE_CHECKING:
-    from harness.tracers.deferred.tracer import Deferred
+from harness.tracers.device_tracer import DeviceTracer
 
 
 class Bins:
     """The bins of one wave: one a non-empty cell, each a whole number of chunks of `lanes` pairs."""
 
-    def __init__(self, tracer: Deferred):
+    def __init__(self, tracer: DeviceTracer):
         self.tracer, self.device, self.lanes = tracer, tracer.device, tracer.lanes
-        self.cells = tracer.grid.nonempty
+        self.cells = tracer.structure.nonempty
         names = ("counts", "first chunks", "cursors")
-        self.cell_count, self.chunk_start, self.cursor = (tracer.buffer(name, self.cells + 1) for name in names)
+        self.cell_count, self.chunk_start, self.cursor = (tracer.buffers.get(name, self.cells + 1) for name in names)
         self.chunks = 0
         defines = tracer.options.defines
         self.bin_program = tracer.program("tracers/deferred/bins.cl", lanes=self.lanes, defines=defines)
-        self.intersect_program = tracer.program("tracers/chunks.cl", lanes=self.lanes, defines=defines)
+        self.intersect_program = tracer.program("tracers/deferred/intersect.cl", lanes=self.lanes, defines=defines)
 
     def clear(self) -> None:
         """Empty bins."""
@@ -50,7 +46,7 @@ class Bins:
     def _lay_out_in_blocks(self) -> None:
         """The same on a CPU, whose work-items stream through blocks of cells."""
         blocks, size = blocks_of(self.cells)
-        block_chunks = self.tracer.buffer("chunks of blocks", BLOCKS)
+        block_chunks = self.tracer.buffers.get("chunks of blocks", BLOCKS)
         self.bin_program.launch("count_chunks", blocks, self.cells, size, self.cell_count, block_chunks)
         self.chunks = int(block_chunks.get()[:blocks].sum(dtype=np.int64))
         self._grow()
@@ -62,8 +58,8 @@ class Bins:
         slots = self.chunks * self.lanes
         if slots >= 2**31 or self.chunks < 0:
             raise BatchTooLarge(f"{4 * slots / 2**20:.1f} MiB for its pairs")
-        self.pairs = self.tracer.buffer("pairs", slots * self.tracer.options.pair_words)
-        self.chunk_cell = self.tracer.buffer("chunks", self.chunks)
+        self.pairs = self.tracer.buffers.get("pairs", slots * self.tracer.options.pair_words)
+        self.chunk_cell = self.tracer.buffers.get("chunks", self.chunks)
 
     def pair_count(self) -> int:
         """Pairs stored in this wave."""
@@ -71,10 +67,17 @@ class Bins:
 
     def intersect(self, batch: Batch) -> None:
         """Chunk after chunk, in the order of the bins."""
-        grid = self.tracer.grid
+        cells = self.tracer.structure
         self.intersect_program.launch(
             "intersect_bins",
             self.chunks,
             *(self.chunks, self.chunk_cell, self.chunk_start, self.cell_count, self.pairs),
-            *(grid.cell_start, grid.references, self.tracer.triangles, batch.rays, batch.keys, *self.tracer.counting),
+            *(
+                cells.cell_start,
+                cells.references,
+                self.tracer.triangles,
+                batch.rays,
+                batch.keys,
+                *self.tracer.counting,
+            ),
         )

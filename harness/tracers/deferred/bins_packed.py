@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from harness.device.primitives import chunk_scan
 from harness.device.runtime import cl
 from harness.tracers.batch import Batch, BatchTooLarge
 from harness.tracers.deferred.bins import Bins
-
-if TYPE_CHECKING:
-    from harness.tracers.deferred.tracer import Deferred
-
+from harness.tracers.device_tracer import DeviceTracer
 
 GROUP = 64  # work-items of a group: two or four vectors of the GPUs there are
 
@@ -20,7 +15,7 @@ class GroupBins(Bins):
     """Bins of one lane, so that a chunk is a pair. No pair's cell is written down: a group of the intersector finds
     the bins of its pairs by bisection, as a work-item that wrote the cells of a long bin would take long."""
 
-    def __init__(self, tracer: Deferred):
+    def __init__(self, tracer: DeviceTracer):
         super().__init__(tracer)
         defines = {**tracer.options.defines, "GROUP": GROUP}
         self.intersect_program = tracer.program("tracers/deferred/intersect_group.cl", defines=defines)
@@ -31,16 +26,16 @@ class GroupBins(Bins):
         self.chunks = int(self.chunk_start[-1].get())
         if self.chunks < 0:
             raise BatchTooLarge("2^31 places for its pairs")
-        self.pairs = self.tracer.buffer("pairs", self.chunks * self.tracer.options.pair_words)
+        self.pairs = self.tracer.buffers.get("pairs", self.chunks * self.tracer.options.pair_words)
         cl.enqueue_copy(self.device.queue, self.cursor.data, self.chunk_start.data, byte_count=4 * self.cells)
 
     def intersect(self, batch: Batch) -> None:
         """A work-group for every GROUP pairs."""
-        grid = self.tracer.grid
+        cells = self.tracer.structure
         self.intersect_program.launch(
             "intersect_bins_group",
             self.chunks,
-            *(self.chunks, self.cells, self.chunk_start, self.pairs, grid.cell_start, grid.references),
+            *(self.chunks, self.cells, self.chunk_start, self.pairs, cells.cell_start, cells.references),
             *(self.tracer.triangles, batch.rays, batch.keys, *self.tracer.counting),
             local=GROUP,
         )

@@ -29,7 +29,7 @@ class SortedRecording(Recording):
         self.digit_bits = -(-bits // passes)
         defines = {**self.tracer.options.defines, "DIGIT_BITS": self.digit_bits}
         self.program = self.tracer.program("tracers/deferred/sort.cl", lanes=self.tracer.lanes, defines=defines)
-        self.cell_first = self.tracer.buffer("first pairs", self.bins.cells)
+        self.cell_first = self.tracer.buffers.get("first pairs", self.bins.cells)
         if sum(s.count * s.slots for s in self.segments) >= 2**31:
             raise BatchTooLarge("2^31 places for its pairs to sort")
         sort = self._sort_blocks if self.tracer.device.is_cpu else self._sort_by_library
@@ -46,7 +46,7 @@ class SortedRecording(Recording):
         )
 
     def _pairs_buffer(self, name: str, pairs: int) -> cl.array.Array:
-        return self.tracer.buffer(name, 2 * pairs)
+        return self.tracer.buffers.get(name, 2 * pairs)
 
     def _sort_blocks(self, passes: int, bits: int) -> tuple[cl.array.Array, int]:
         """Sorted pairs, 8 bytes each, and their number. The first pass reads what was recorded."""
@@ -90,7 +90,7 @@ class SortedRecording(Recording):
         return self._array("digit counts", (blocks << self.digit_bits) + 1)
 
     def _array(self, name: str, count: int) -> cl.array.Array:
-        return self.tracer.buffer(name, count)[:count]
+        return self.tracer.buffers.get(name, count)[:count]
 
     def _sort_by_library(self, passes: int, bits: int) -> tuple[cl.array.Array, int]:
         """As `_sort_blocks`, from the pairs gathered side by side."""

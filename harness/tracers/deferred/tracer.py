@@ -14,7 +14,6 @@ from pydantic import Field, ValidationInfo, field_validator
 from harness.data import Counters, Rays
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
-from harness.tracers.base import COUNTERS, DeviceOptions, DeviceTracer
 from harness.tracers.batch import Batch
 from harness.tracers.deferred.bins import Bins
 from harness.tracers.deferred.bins_packed import GroupBins
@@ -22,8 +21,10 @@ from harness.tracers.deferred.compaction import compact
 from harness.tracers.deferred.recording import Recording
 from harness.tracers.deferred.sort import SortedRecording
 from harness.tracers.deferred.two_pass import TwoPass
+from harness.tracers.deferred.wave import Wave
+from harness.tracers.device_tracer import COUNTERS, DeviceOptions, DeviceTracer
 
-ENDLESS = 1 << 30  # more non-empty cells than a ray can meet
+ENDLESS = 1 << 30  # more cells than a ray can meet
 LONGEST_WAVE = 4096  # cells; beyond, say `all`
 ARRANGEMENTS = {"two-pass": TwoPass, "record": Recording, "sort": SortedRecording}
 
@@ -75,7 +76,7 @@ class Deferred(DeviceTracer):
     """Walk, bin, intersect, compact; wave after wave until no ray is left."""
 
     name = "deferred"
-    needs_grid = True
+    needs_structure = True
     Options = DeferredOptions
     start_stage = "traverse"
     warm_up_rays = 1 << 20  # PoCL compiles kernels anew for small launches, so few rays would warm only those
@@ -96,15 +97,15 @@ class Deferred(DeviceTracer):
         queue = self.device.queue
         walk_lanes = self.lanes if self.options.arrange == "two-pass" else self.exchanged_lanes
         walk = self.program(
-            "tracers/deferred/walk.cl", grid=True, walk_lanes=walk_lanes, defines=self.options.defines
+            "tracers/deferred/walk.cl", walks=True, walk_lanes=walk_lanes, defines=self.options.defines
         )
         bins = GroupBins(self) if self.in_groups else Bins(self)
         arrange = ARRANGEMENTS[self.options.arrange]
         active, active_count = cl.array.arange(queue, batch.count, dtype=np.int32), batch.count
-        spare = self.buffer("spare", batch.count)
+        spare = self.buffers.get("spare", batch.count)
         length = self.options.cells
         while active_count:
-            arranged = arrange(self, batch, walk, bins, active, active_count, length)
+            arranged = arrange(Wave(self, batch, walk, bins, active, active_count, length))
             length = min(length * self.options.growth, ENDLESS)
             with watch.stage("traverse"):
                 bins.clear()
@@ -131,13 +132,13 @@ class Deferred(DeviceTracer):
     def walk_counts(self, rays: Rays) -> Counters:
         """Steps and pairs of walking every ray to its t_max, without testing a triangle."""
         self.counters, counted = cl.array.zeros(self.device.queue, len(COUNTERS), np.uint64), Counters()
-        walk = self.program("tracers/deferred/walk.cl", grid=True, walk_lanes=self.lanes)
-        cell_count = cl.array.zeros(self.device.queue, self.grid.nonempty + 1, np.int32)
+        walk = self.program("tracers/deferred/walk.cl", walks=True, walk_lanes=self.lanes)
+        cell_count = cl.array.zeros(self.device.queue, self.structure.nonempty + 1, np.int32)
         for first in range(0, len(rays), self.batch_size):
             batch = Batch(self.device, rays[first : first + self.batch_size])
             self.start(batch)
             active = cl.array.arange(self.device.queue, batch.count, dtype=np.int32)
-            arguments = (batch.count, active, batch.rays, batch.keys, *self.grid.arguments, ENDLESS)
+            arguments = (batch.count, active, batch.rays, batch.keys, *self.structure.arguments, ENDLESS)
             outputs = (batch.positions, batch.t_exit, cell_count, *self.counting)
             walk.launch("count_pairs", -(-batch.count // self.lanes), *arguments, *outputs)
         for name, value in zip(COUNTERS, self.counters.get(), strict=True):

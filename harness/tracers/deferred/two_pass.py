@@ -1,32 +1,23 @@
-"""Arranging the pairs of one wave by cell: walk twice, or walk once and remember."""
+"""Arranging as the paper does: walk twice, first to count, then to pack."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from harness.device.program import Program
-from harness.tracers.batch import Batch
-from harness.tracers.deferred.bins import Bins
-
-if TYPE_CHECKING:
-    from harness.tracers.deferred.tracer import Deferred
+from harness.tracers.deferred.wave import Wave
 
 
 class TwoPass:
     """The paper's arrangement: the first walk counts, the second packs."""
 
-    def __init__(
-        self, tracer: Deferred, batch: Batch, walk: Program, bins: Bins, active, active_count: int, length: int
-    ):
-        self.tracer, self.batch, self.program, self.bins = tracer, batch, walk, bins
-        self.groups = -(-active_count // tracer.lanes)
-        rays = (active_count, active, batch.rays, batch.keys)
-        self.arguments = (*rays, *tracer.grid.arguments, length, batch.positions, batch.t_exit)
+    def __init__(self, wave: Wave):
+        self.wave, tracer, batch = wave, wave.tracer, wave.batch
+        self.groups = -(-wave.active_count // tracer.lanes)
+        rays = (wave.active_count, wave.active, batch.rays, batch.keys)
+        self.arguments = (*rays, *tracer.structure.arguments, wave.length, batch.positions, batch.t_exit)
 
     def walk(self) -> None:
         """Count ray visits to each cell."""
-        counting = self.tracer.counting
-        self.program.launch("count_pairs", self.groups, *self.arguments, self.bins.cell_count, *counting)
+        counting = self.wave.tracer.counting
+        self.wave.walk.launch("count_pairs", self.groups, *self.arguments, self.wave.bins.cell_count, *counting)
 
     def count(self) -> None:
         """Nothing: the first walk has counted."""
@@ -36,4 +27,5 @@ class TwoPass:
 
     def walk_again(self) -> None:
         """Store each ray in the bins of its cells."""
-        self.program.launch("pack_pairs", self.groups, *self.arguments, self.bins.cursor, self.bins.pairs)
+        bins = self.wave.bins
+        self.wave.walk.launch("pack_pairs", self.groups, *self.arguments, bins.cursor, bins.pairs)

@@ -4,7 +4,7 @@
 // A group whose pairs share a cell reads each triangle once, TILE at a time, into local memory. In a group of several
 // cells each work-item goes through its own cell's list: work-items of one cell sit side by side and ask for the same
 // triangle at the same time, which the cache serves at once, and nobody waits for the others' cells.
-#include "tracers/chunks.cl"
+#include "tracers/hit_policy.clh"
 
 #if LANES != 1
 #error "LANES is not 1: a work-item of a group has one ray"
