@@ -1,4 +1,4 @@
-"""How good `--structure auto` is: its rate over the best of a sweep of resolutions, its memory, its time to choose.
+"""How good `--grid auto` is: its rate over the best of a sweep of resolutions, its memory, its time to choose.
 
     python scripts/validate_auto.py crown dragon sibenik --rays 1M --rounds 3
 
