@@ -18,7 +18,7 @@ WALL = 1 + 1 / 128  # half the edge of the grid, its margin included
 def described(
     triangles: int, hairs: int, segments: int, length: float, radius: float, resolutions: tuple[int, ...]
 ) -> dict[str, float]:
-    """The figures named as in `harness.calibration.measure`; `length`, `radius`: means of a hair's."""
+    """The figures named as in `harness.studies.stand_ins.likeness.measure`; `length`, `radius`: means of a hair's."""
     random = np.random.Generator(np.random.Philox(1))
     total = hairs * length
     # A triangle has two long edges and a short one, the side of the tube's cross-section of three corners.

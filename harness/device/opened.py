@@ -105,7 +105,7 @@ def probe_all() -> list[Probe]:
 
 
 def _ask(*arguments: str) -> tuple[object, str]:
-    """Answer of harness/probe.py and the failure; one of the two is None or empty."""
+    """Answer of harness/device/probe.py and the failure; one of the two is None or empty."""
     command = [sys.executable, "-P", str(Path(__file__).with_name("probe.py")), *arguments]
     try:
         done = subprocess.run(

@@ -1,6 +1,6 @@
 """Prepares the process's environment and imports pyopencl: every module gets `cl` from here.
 
-`from harness.runtime import cl`. Nothing else in the package imports pyopencl first.
+`from harness.device.runtime import cl`. Nothing else in the package imports pyopencl first.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _show_environment_vendors() -> None:
 prepare()
 
 
-# A build log that is not empty is no news: harness/program.py shows the log of a failed build.
+# A build log that is not empty is no news: harness/device/program.py shows the log of a failed build.
 warnings.filterwarnings("ignore", category=cl.CompilerWarning)
 
 

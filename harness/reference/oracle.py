@@ -1,7 +1,7 @@
 """The exact oracle: first hits of float32 rays and triangles without any rounding.
 
 Blocks of neighbouring triangles are culled by a conservative float64 slab test, their triangles by a float64
-sign test with a proven bound, and what is left is decided in integers (`harness/exact.py`). It shares nothing
+sign test with a proven bound, and what is left is decided in integers (`exact.py` beside this). It shares nothing
 with the grid it judges.
 """
 

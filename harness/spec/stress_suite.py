@@ -1,4 +1,4 @@
-"""The suite's families, read from suite.toml and validated."""
+"""The suite's families, read from stress_suite.toml and validated."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PER_MILLION = ("leaks", "double_hits", "self_hits", "tunnels")  # limits of thes
 
 
 class Family(BaseModel):
-    """One family of inputs; see suite.toml for what the fields mean."""
+    """One family of inputs; see stress_suite.toml for what the fields mean."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

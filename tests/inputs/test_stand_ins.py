@@ -45,7 +45,7 @@ def test_a_stand_in_is_of_the_scenes_size_and_always_the_same(recipe):
     assert abs(len(triangles) / recipe.triangles - 1) < 0.05
     assert np.isfinite(triangles).all()
     assert zero_area(triangles).mean() < 0.03
-    # Made on another machine; a generator that is changed goes with `python -m harness.calibration`.
+    # Made on another machine; a generator that is changed goes with `python -m harness.studies.stand_ins.likeness`.
     assert hashlib.sha256(triangles.tobytes()).hexdigest() == stored_digest(recipe)
     embree = EmbreeScene(triangles)
     assert recipe.stand_in_views

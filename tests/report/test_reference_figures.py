@@ -91,12 +91,6 @@ def test_one_target_a_figure():
         assert re.search(rf"(^|[ ,]){label.removeprefix('fig')}\b", makefile.split("FIGURES :=")[1].split("\n")[0])
 
 
-def test_the_guide_names_every_figure_by_its_target():
-    guide = (REFERENCE.parents[1] / "docs" / "reproducing.md").read_text()
-    rows = dict(re.findall(r"^\| `(fig\d\d)` \| `(\w+)`", guide, re.MULTILINE))
-    assert rows == {entry.label: entry.name for entry in contents() if entry.number}
-
-
 def test_what_drawing_knows_without_opencl_is_what_measuring_says():
     from harness.analysis import results as runs
     from harness.report.figures import speed_accuracy, waves

@@ -21,7 +21,7 @@ VALUES = {
 
 
 class Rule(Strict):
-    """The ratio of a value of two models of `harness.coherence` on vectors of `lanes` lanes, on the paper's grid."""
+    """The ratio of a value of two models of `defray coherence`, on vectors of `lanes` lanes and the paper's grid."""
 
     type: Literal["coherence"]
     value: Literal[tuple(VALUES)]

@@ -1,7 +1,7 @@
 """`defray scenes fetch`: a real scene from its author's archive, verified, converted and kept in the cache.
 
 `CACHE/scenes/NAME.npz` holds `vertices` float32[v,3] and `faces` int32[t,3], geometry alone. Faces are numbered as
-the archive's file lists them, file after file, instances flattened where they stand (`harness/pbrt.py`); polygons
+the archive's file lists them, file after file, instances flattened where they stand (`pbrt.py` beside this); polygons
 become triangles in place. `CACHE/scenes/lock.json` pins what was fetched: the SHA-256 of the archive (for loose
 files, of the list of their hashes) and of the npz file, which is verified each time the scene is loaded.
 """

@@ -181,9 +181,9 @@ def write_stored(device: Device, file: Path = STORED) -> None:
     """
     old = tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
     lines = [
-        "# Figures of the real scenes, in the order of `harness.calibration.measure`, which names them; measured by",
-        "# `DEFRAY_SCENES=FOLDER python -m harness.calibration`. Hairball has no file: its figures follow from its",
-        "# description (see scenes/hairball_figures.py).",
+        "# Figures of the real scenes, named by `measure` in harness/studies/stand_ins/likeness.py and measured by",
+        "# `DEFRAY_SCENES=FOLDER python -m harness.studies.stand_ins.likeness`. Hairball has no file: its figures",
+        "# follow from its description (see scenes/hairball_figures.py).",
     ]
     for name in calibrated_names():
         recipe = recipes()[name]
