@@ -167,8 +167,8 @@ def parse_structure(text: str) -> StructureSpec:
     if re.fullmatch(r"\d+/\d+", first) and (not fields or fields in (["total"], ["per-cell"])):
         top, leaf = map(int, first.split("/"))
         return Uniform(top, leaf, per_cell=fields == ["per-cell"])
-    if first == Auto.name and not fields:
-        return AUTO
+    if not fields and first in (Auto.name, Uniform.name):
+        return AUTO if first == Auto.name else Uniform()
     if first == Adaptive.name:
         return _parse_adaptive(text, fields)
     if not re.fullmatch(r"[a-z][a-z0-9-]*", first) or first in (Auto.name, Uniform.name):

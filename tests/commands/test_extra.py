@@ -1,0 +1,95 @@
+"""A tracer from one file and a structure from one file and one header, in a folder of their own: both are then in the
+command line, the agreement tests, the figures and the report, with no other edit."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapes import icosphere
+
+ROOT = Path(__file__).resolve().parents[2]
+EXTRA = ROOT / "tests" / "fakes" / "extra"
+SWEEP = """
+[tiers.own]
+about = "a tracer and a structure of one's own"
+[[tiers.own.sweeps]]
+name = "one"
+scenes = ["ball.npz"]
+structures = ["all-triangles", "8/16"]
+kinds = ["random"]
+rays = "600"
+variants = ["deferred", "forward", "work-optimal", "streamed", "nearest-twice", "brute"]
+repetitions = 2
+check = "exact"
+"""
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    """A temporary folder with the two files and the header, a mesh and a sweep file."""
+    folder = tmp_path_factory.mktemp("own")
+    shutil.copytree(EXTRA, folder / "extra")
+    mesh = icosphere(2)
+    np.savez(folder / "ball.npz", vertices=mesh.reshape(-1, 3), faces=np.arange(3 * len(mesh)).reshape(-1, 3))
+    (folder / "sweep.toml").write_text(SWEEP)
+    return folder
+
+
+def run(own: Path, *command: str) -> subprocess.CompletedProcess:
+    """A command in the folder, as a user would run it."""
+    environment = os.environ | {"DEFRAY_EXTRA": str(own / "extra"), "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, "-m", *command], cwd=own, env=environment, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def report(own):
+    """The folder of a sweep with both, and its report drawn."""
+    for command in (("sweep", "sweep.toml", "--tier", "own", "--out", "out"), ("report", "out")):
+        done = run(own, "harness.commands.main", *command)
+        assert done.returncode == 0, done.stderr
+    return own / "out"
+
+
+def test_both_are_in_the_command_line(own):
+    command = "trace ball.npz --tracer nearest-twice --structure all-triangles --kind random --rays 500 --json"
+    done = run(own, "harness.commands.main", *command.split())
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert record["tracer"] == "nearest-twice" and record["valid"]
+    assert record["grid"]["reading"] == "all-triangles" and record["grid"]["cells"] == 1
+    done = run(own, "harness.commands.main", "trace", "ball.npz", "--structure", "all-triangle")
+    assert done.returncode == 2 and "unknown structure 'all-triangle'; known: adaptive, all-triangles" in done.stderr
+    done = run(own, "harness.commands.main", "trace", "ball.npz", "--structure", "all-triangles leaf=4")
+    assert done.returncode == 2 and "unknown option of structure all-triangles 'leaf'" in done.stderr
+
+
+def test_all_tracers_give_brute_forces_bits_in_the_structure(report):
+    records = [json.loads(line) for line in (report / "records.jsonl").read_text().splitlines()]
+    inside = [one for one in records if (one["grid"] or {}).get("reading") == "all-triangles"]
+    assert {one["tracer"] for one in inside} == {"deferred", "forward", "work-optimal", "streamed", "nearest-twice"}
+    assert len({one["hits_sha256"] for one in records}) == 1 and all(one["valid"] for one in records)
+
+
+def test_both_are_in_a_figure_and_the_report(report):
+    page = (report / "report.html").read_text()
+    assert "nearest-twice" in page and "all-triangles" in page
+    drawn = [path.name for path in (report / "figures").glob("*.svg") if "nearest-twice" in path.read_text()]
+    assert drawn, "no figure shows the tracer"
+    assert any("all-triangles" in path.read_text() for path in (report / "tables").glob("*.csv"))
+
+
+@pytest.mark.parametrize("files", ["structures/test_agreement.py", "tracers/test_tracers.py"])
+def test_both_are_in_the_agreement_tests(own, files):
+    name = "all-triangles" if "structures" in files else "nearest-twice"
+    done = run(own, "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(ROOT), "-c", str(ROOT / "pyproject.toml"),
+               str(ROOT / "tests" / files), "-k", name, "-m", "not slow")  # fmt: skip
+    assert done.returncode == 0 and " passed" in done.stdout, done.stdout[-2000:]
