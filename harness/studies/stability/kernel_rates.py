@@ -15,7 +15,6 @@ from harness.reference.check import Checker
 from harness.spec.intersectors import Intersector
 from harness.stats import interval
 from harness.studies.stability.closed_meshes import icosphere
-from harness.studies.stability.pairs import MODES
 from harness.tracers.prepared import Prepared
 
 RAYS = 1 << 15
@@ -25,12 +24,12 @@ SEED = 12111
 
 def kernel_rates(
     device: Device,
-    intersectors: Sequence[Intersector],
-    progress: Callable[[str, int, int], None] = lambda *_: None,
+    methods: Sequence[tuple[Intersector, str]],
+    tell: Callable[[int | None, str], None] = lambda *_: None,
     rays: int = RAYS,
     repetitions: int = REPETITIONS,
 ) -> list[dict]:
-    """`{intersector, contraction, wrong, tests_per_second: {median, low, high} or None}` of each in both modes.
+    """`{intersector, contraction, wrong, tests_per_second: {median, low, high} or None}` of each in its mode.
 
     `wrong`: rays whose hit differs from the reference; where their check fails there is no rate.
 
@@ -41,17 +40,16 @@ def kernel_rates(
     tests = rays * len(setting.scene)
     runs, verdicts = {}, {}
     checker = Checker(setting.scene.triangles, shot)
-    for entry in intersectors:
-        for mode in MODES:
-            progress(f"warming up {entry.name}", len(runs), 2 * len(intersectors))
-            runs[entry.name, mode] = tracers.find("brute")(setting, entry, {"contraction": mode})
-            verdicts[entry.name, mode] = checker.check(runs[entry.name, mode].trace(shot, Stopwatch(device.queue)))
+    for place, (entry, mode) in enumerate(methods):
+        tell(place, "warming up")
+        runs[entry.name, mode] = tracers.find("brute")(setting, entry, {"contraction": mode})
+        verdicts[entry.name, mode] = checker.check(runs[entry.name, mode].trace(shot, Stopwatch(device.queue)))
     samples: dict[tuple, list[float]] = {key: [] for key in runs}
     generator = random.Random(SEED)
     for turn in range(repetitions):
         order = list(runs)
         generator.shuffle(order)
-        progress(f"repetition {turn + 1}", turn, repetitions)
+        tell(None, f"repetition {turn + 1}")
         for key in order:
             watch = Stopwatch(device.queue)
             runs[key].trace(shot, watch)
