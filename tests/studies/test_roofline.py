@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from harness import tracers
 from harness.analysis.results import Results, read_published
-from harness.commands import roofline as roofline_command
+from harness.campaign.tasks import ROOFLINE_VARIANTS
 from harness.commands.main import app
 from harness.data import Counters
 from harness.device.program import launch_listeners
@@ -165,7 +165,7 @@ def measured(folder, *more: str):
 def stored(tmp_path_factory):
     """Three variants measured and stored."""
     folder = tmp_path_factory.mktemp("roofline")
-    done = measured(folder, "--variants", f"{roofline_command.VARIANTS},streamed:ray-space")
+    done = measured(folder, "--variants", f"{ROOFLINE_VARIANTS},streamed:ray-space")
     assert done.exit_code == 0, done.output
     assert "intersect_bins" in done.stdout and "fma" in done.stdout
     return folder

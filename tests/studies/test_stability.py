@@ -24,7 +24,15 @@ from harness.studies.stability import whole_scenes as scenes
 from harness.studies.stability.closed_meshes import closed_mesh, icosphere
 from harness.studies.stability.failures import Judge, merge
 from harness.studies.stability.pairs import Answers, Pairs, PairTester, contracts
-from harness.studies.stability.stress_run import ROW, TRIALS, check_inputs, chosen, generators, run_suite
+from harness.studies.stability.stress_run import (
+    ROW,
+    TRIALS,
+    check_inputs,
+    chosen,
+    generators,
+    measure_family,
+    methods_of,
+)
 
 ROW_ON_FILE = {
     "intersector": "ray-space", "contraction": "off", "family": "A1", "size": "smoke", "rays": 10, "leaks": None,
@@ -37,7 +45,8 @@ ROBUST = ("ray-space", "ray-space-orthonormal", "woop-benthin-wald-kahan")
 @pytest.fixture(scope="module")
 def smoke_rows(device):
     """Every intersector through every family in both modes, at the smoke size."""
-    return list(run_suite(device, chosen("all", device), select(None), "smoke"))
+    methods = methods_of(chosen("all", device))
+    return [row for family in select(None) for row in measure_family(device, family, methods, "smoke")]
 
 
 def metrics_of(device, name, family, mode="off", **defines):
