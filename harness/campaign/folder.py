@@ -39,13 +39,36 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def write_json(path: Path, value: dict) -> None:
-    """Replace `path` by `value` as JSON, whole or not at all."""
+    """Replace `path` by `value` as JSON, whole or not at all; raises DefrayError where it cannot be written."""
+    write_whole(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Replace `path` by `text`, whole or not at all; raises DefrayError where it cannot be written."""
     partial = path.with_name(path.name + ".partial")
     try:
-        partial.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n")
+        partial.write_text(text, encoding="utf-8")
         os.replace(partial, path)
     except OSError as error:
         raise DefrayError(f"cannot write {path}: {error.strerror}") from None
+
+
+def drop_errors(folder: Path, ids: set[str]) -> None:
+    """Take failures of parts that have been measured since out of `errors.jsonl`; a line that is not JSON stays."""
+    path = folder / ERRORS
+    if not ids or not path.is_file():
+        return
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    kept = [line for line in lines if _id_of(line) not in ids]
+    if len(kept) < len(lines):
+        write_whole(path, "".join(kept))
+
+
+def _id_of(line: str) -> str | None:
+    try:
+        return json.loads(line).get("id")
+    except (ValueError, AttributeError):
+        return None
 
 
 def store_error(folder: Path, task: Task, part: Part, failure: TaskFailed) -> None:

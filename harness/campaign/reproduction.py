@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 from rich.console import Console
 from rich.markup import escape
 
@@ -34,24 +34,20 @@ TIERS = ROOT / "harness" / "paper" / "reproduce.toml"
 SWEEPS = ROOT / "harness" / "paper" / "sweeps.toml"
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class TierOf(_Strict):
+class TierOf(BaseModel, extra="forbid"):
     """A tier of the part's own file."""
 
     tier: str
 
 
-class Suite(_Strict):
+class Suite(BaseModel, extra="forbid"):
     """Intersectors and size of the stress suite."""
 
     intersector: str = "all"
     size: str
 
 
-class Counted(_Strict):
+class Counted(BaseModel, extra="forbid"):
     """Scenes, rays and structure of a study; the rest is as its command has it."""
 
     scenes: list[str] = Field(min_length=1)
@@ -59,7 +55,7 @@ class Counted(_Strict):
     structure: str = "8/128"
 
 
-class Parts(_Strict):
+class Parts(BaseModel, extra="forbid"):
     """The parts of a tier, in the order they are measured; None is not measured."""
 
     sweep: TierOf | None = None

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.campaign.executors import Executor, TaskFailed
-from harness.campaign.folder import ERRORS, locked, store_error
+from harness.campaign.folder import ERRORS, drop_errors, locked, store_error
 from harness.campaign.progress import Display
 from harness.errors import DefrayError
 from harness.inputs.memory import announcements
@@ -190,6 +190,7 @@ class _Campaign:
         self.study, self.tasks, self.executor, self.out, self.console = tasks[0].study, tasks, executor, out, console
         self.total = sum(len(task.parts) for task in tasks)
         self.failed = 0
+        self.stored: set[str] = set()  # ids of parts measured now
 
     def open(self, resume: bool) -> None:
         """Open the file; its rows count when resuming."""
@@ -214,8 +215,12 @@ class _Campaign:
         if not waiting:
             return
         with Display(self.console, self.total, done, sum(task.cost for task in waiting)) as display:
-            for task in waiting:
-                self._run(task, display)
+            try:
+                for task in waiting:
+                    self._run(task, display)
+            finally:
+                if self.out:
+                    drop_errors(self.out, self.stored)
 
     def _run(self, task: Task, display: Display) -> None:
         """Carry out one task; after a failed part, those that are not done run again without it."""
@@ -236,6 +241,7 @@ class _Campaign:
             self.file.append(row)
             part = remaining.pop(self.ledger.note(row, task.scene), None)
             if part:
+                self.stored.add(part.id)
                 display.stored(part, self.study.outcome(row), self.study.passed(row))
         if remaining:
             raise TaskFailed("the study returned no row")
