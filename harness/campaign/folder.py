@@ -58,7 +58,7 @@ def drop_errors(folder: Path, ids: set[str]) -> None:
     path = folder / ERRORS
     if not ids or not path.is_file():
         return
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    lines = [line + "\n" for line in path.read_text(encoding="utf-8").split("\n") if line]
     kept = [line for line in lines if _id_of(line) not in ids]
     if len(kept) < len(lines):
         write_whole(path, "".join(kept))
