@@ -192,6 +192,15 @@ def test_rows_hold_every_kernel_and_the_ceilings(stored):
     assert all(len(deferred["ceilings"][name]["samples"]) == 3 * 2 for name in ("memory", "cache", "fma"))
 
 
+def test_resuming_measures_nothing_again(stored, monkeypatch):
+    monkeypatch.setattr("harness.studies.roofline.measured_kernels.measure_roofline", None)
+    before = roofline_file(stored).path.read_bytes()
+    done = measured(stored, "--variants", ROOFLINE_VARIANTS, "--resume", "--json")
+    assert done.exit_code == 0, done.output
+    assert [row["tracer"] for row in json.loads(done.stdout)] == ["deferred", "forward"]
+    assert roofline_file(stored).path.read_bytes() == before
+
+
 def test_a_row_without_a_check_or_with_too_few_times_is_refused(stored):
     row = unsealed(roofline_file(stored).read()[0], "here")
     for changed, reason in (

@@ -245,6 +245,13 @@ def test_the_command_prints_json_and_writes_a_file_that_reads_back(tmp_path):
     results = report.read_results(tmp_path)
     assert [row.model_dump() for row in results.rows] == rows
     assert all(rate.tests_per_second.median > 0 for rate in results.kernel_rates)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.studies.stability.suite.measure_family", None)
+        patch.setattr("harness.studies.stability.suite.kernel_rates", None)
+        again = CliRunner().invoke(app, [*arguments, "--resume"])
+        shown = CliRunner().invoke(app, [*arguments[:-1], "--resume"])
+    assert again.exit_code == 0 and json.loads(again.stdout) == rows, "and nothing is measured again"
+    assert shown.exit_code == 0 and "ray-space" in shown.stdout and "self-hits" in shown.stdout
 
 
 def test_a_results_file_of_another_schema_or_with_unknown_keys_is_refused(tmp_path):
