@@ -307,3 +307,35 @@ def test_stopping_says_how_to_go_on(tmp_path, number, code):
         last = process.stderr.read().splitlines()[-1]
     total, done = len(wanted("accuracy")), len(stored("accuracy", out))
     assert last == f"stopped after {done} of {total} variants; go on with: the same command"
+
+
+# ---------------------------------------------------------------- what is a failure
+
+
+@pytest.mark.parametrize(
+    ("name", "family", "leaks", "kept"),
+    [
+        ("ray-space", "A1", None, False),  # the default promises to pass every family
+        ("moller-trumbore", "W1", 900, True),  # which does not say that it is watertight
+        ("woop-benthin-wald-kahan", "W1", 900, False),
+        ("woop-benthin-wald-kahan", "A1", None, True),
+    ],
+)
+def test_a_broken_promise_of_an_intersector_is_a_failure(name, family, leaks, kept):
+    row = made_up_accuracy.stability((family,))["rows"][0]
+    study = StabilityStudy()
+    assert study.passed(row | {"intersector": name})
+    failed = row | {"intersector": name, "passed": False, "leaks": leaks}
+    assert study.passed(failed) is kept and (study.outcome(failed) is None) is kept
+
+
+def test_a_row_that_is_not_valid_is_stored_and_fails(tmp_path):
+    class Wrong(FakeExecutor):
+        def submit(self, task, tell=lambda _: None):
+            for row in super().submit(task, tell):
+                yield row | {"valid": False, "seconds": [], "kernels": []}
+
+    found, printed = carried_out("roofline", tmp_path / "out", Wrong())
+    assert found.code == 1 and found.bad == len(found.rows) == len(wanted("roofline"))
+    assert printed.count("check failed, no times") == found.bad and "0 valid, 4 failed the check" in printed
+    assert carried_out("roofline", tmp_path / "out")[0].code == 1, "resuming does not forget it"
