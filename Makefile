@@ -31,7 +31,7 @@ second-device: ## add Intel's OpenCL runtime to .venv, to test on two implementa
 	@bash scripts/setup.sh --with-intel
 
 reproduce: setup ## measure, check the claims and draw the report: TIER=smoke, paper or full
-	@bash scripts/reproduce.sh "$(TIER)" "$(OUT)"
+	@.venv/bin/defray reproduce "$(TIER)" --out "$(OUT)"
 
 carry: setup ## pack wheels, source and SCENES=a,b for a machine without a network; its run.sh measures there
 	@bash scripts/carry.sh --to "$(CARRIED)" $(if $(SCENES),--scenes "$(SCENES)")

@@ -1,10 +1,9 @@
-"""Plans: counts, grids and variants as people write them, and tiers of a TOML file as lists of runs."""
+"""Plans: checked specs of runs, and tiers of a sweep file as lists of them."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,61 +11,11 @@ from typing import Annotated, Any
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from harness.errors import DefrayError, first_problem, known
-from harness.files import ROOT
 from harness.inputs.scenes import check_name, enlargeable
 from harness.spec.run_spec import RAY_KINDS, SIZES, Check, RunSpec, Variant, parse_count
 from harness.spec.structure import AUTO, StructureSpec, parse_structure
 from harness.structures import check_structure
-from harness.studies.errors_and_leaks import Contender, Plan, parse_contenders
 from harness.tracers import check_variant, needs_structure
-
-TIERS = ROOT / "harness" / "paper" / "accuracy.toml"
-
-
-@dataclass(frozen=True)
-class SceneTask:
-    """One scene and what is measured on it; `contenders` None stands for the default list of the device."""
-
-    scene: str
-    plan: Plan
-    contenders: list[Contender] | None = None
-    precision: bool = False
-
-
-@dataclass
-class AccuracyRequest:
-    """What `defray accuracy` was asked."""
-
-    parts: list[SceneTask]
-    out: Path
-    resume: bool = False
-    device: str | None = None
-
-
-def scene_tasks(scenes: Sequence[str], tier: str | None, rays, aimed, repetitions) -> list[SceneTask]:
-    """Scenes and counts of the tier, replaced by those of the command line.
-
-    Raises DefrayError for what is not known.
-    """
-    given = {"rays": rays, "aimed": aimed, "repetitions": repetitions}
-    given = {name: parse_count(value) for name, value in given.items() if value is not None}
-    entries = [{"scenes": list(scenes)}]
-    if tier is not None:
-        tiers = tomllib.loads(TIERS.read_text(encoding="utf-8"))["tiers"]
-        if tier not in tiers:
-            raise known("tier", tier, tiers)
-        entries = [entry | ({"scenes": list(scenes)} if scenes else {}) for entry in tiers[tier]]
-    found: dict[str, SceneTask] = {}
-    for entry in entries:
-        counts = {name: parse_count(entry[name]) for name in ("rays", "aimed", "repetitions") if name in entry}
-        contenders = parse_contenders(",".join(entry["variants"])) if "variants" in entry else None
-        for scene in entry["scenes"]:
-            check_name(scene)
-            precision = scene in entry.get("precision", ())
-            found.setdefault(scene, SceneTask(scene, Plan(**(counts | given)), contenders, precision))
-    if not found:
-        raise DefrayError("name a scene or a tier, as in: defray accuracy sponza")
-    return list(found.values())
 
 
 def make_spec(scene: str, variant: Variant, **fields: Any) -> RunSpec:
@@ -103,6 +52,15 @@ def interleaved(
     for variant in variants:
         for structure in structures or [None]:
             yield make_spec(scene, variant, structure=structure, **fields)
+
+
+def scene_specs(
+    scenes: Sequence[str], variants: Sequence[Variant], structure: StructureSpec, **fields: Any
+) -> list[list[RunSpec]]:
+    """Specs of all variants on one grid, for each scene once; raises DefrayError for a scene that is not known."""
+    for name in scenes:
+        check_name(name)
+    return [list(interleaved(name, variants, [structure], **fields)) for name in dict.fromkeys(scenes)]
 
 
 _listed = BeforeValidator(lambda value: value if isinstance(value, list) else [value])

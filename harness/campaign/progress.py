@@ -1,144 +1,41 @@
-"""What a sweep shows while it runs: one line a run, and on a terminal a bar with the time left."""
+"""What a campaign shows while it runs: a line for each part, and on a terminal a bar with the time left."""
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Self
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TaskProgressColumn,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
 from rich.text import Text
 
-from harness.spec.run_spec import RunSpec
-
-
-class SceneProgress:
-    """Shows which scene is measured, what is being done, and how far it is: a bar on a terminal, else lines only."""
-
-    def __init__(self, bar, console, scenes: int):
-        self._bar, self._console, self._done, self._scene = bar, console, 0, ""
-        self._task = bar.add_task("starting", total=max(scenes, 1))
-
-    def start(self, scene: str) -> None:
-        """A scene begins."""
-        self._scene = scene
-        self.tell("loading", 0.0)
-
-    def tell(self, stage: str, done: float) -> None:
-        """`done`: share of the scene's work, 0 to 1."""
-        text = escape(f"{self._scene}: {stage}")
-        self._bar.update(self._task, description=text, completed=self._done + done, refresh=True)
-
-    def end(self) -> None:
-        """The scene is done."""
-        self._done += 1
-
-    def line(self, text: str) -> None:
-        """Print one line above the bar."""
-        self._console.print(text, highlight=False, soft_wrap=True, markup=False)
-
-
-@contextmanager
-def scene_progress(console, scenes: int):
-    """A SceneProgress over so many scenes, on `console`."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        TaskProgressColumn(),
-        TimeRemainingColumn(elapsed_when_finished=True),
-    )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        yield SceneProgress(bar, console, scenes)
-
-
-UNKNOWN_SCENE = 1_000_000  # triangles assumed of a scene that is not listed
-# First guess, seconds a ray in a scene of 300,000 triangles on two CPU cores; measured groups correct it.
-RAY_SECONDS = {"deferred": 3.0e-6, "forward": 5.0e-6, "work-optimal": 5.0e-6, "embree": 0.5e-6}
-BRUTE_TEST_SECONDS = 1.0e-9  # one ray against one triangle
-TRIANGLE_SECONDS = 4.0e-6  # loading a scene, building its grid and the reference's tree, per triangle
-CHECK_SECONDS = 1.5e-6  # making a ray and checking its hit
-
-
-def group_name(spec: RunSpec) -> str:
-    """Scene and grid of a run, for people."""
-    return f"{spec.scene} {spec.structure}" if spec.structure else spec.scene
-
-
-def run_name(spec: RunSpec) -> str:
-    """Scene, grid and variant of a run, for people."""
-    return f"{group_name(spec)} {spec.variant}"
-
-
-def guessed_seconds(spec: RunSpec, triangles: int) -> float:
-    """A first guess at the seconds of one run's repetitions, its warm-up and its check."""
-    tracer = spec.variant.tracer
-    if tracer == "brute":
-        per_ray = triangles * BRUTE_TEST_SECONDS
-    else:
-        # A fixed grid gets more triangles a cell as scenes grow; a tree's depth hardly does.
-        growth = 0.15 if tracer == "embree" else 0.5
-        per_ray = RAY_SECONDS.get(tracer, 2.0e-6) * (triangles / 300_000) ** growth
-        cells = spec.structure.leaf_cells_per_axis if spec.structure else None
-        if cells and tracer != "embree":
-            per_ray *= max(128 / cells, 0.5)
-    return 0.5 + spec.rays * ((spec.repetitions + 2) * per_ray + CHECK_SECONDS)
+from harness.studies.study import Part, Step, Task
 
 
 class TimeLeft:
-    """Seconds left of a sweep, from a cost model that the groups measured so far correct.
+    """Seconds left, from the tasks' costs times what those measured so far took over their costs."""
 
-    Each measured group gives a factor (measured over guessed). A group still to come is scaled by the
-    mean factor, in which groups of the same scene and of the same tracers weigh more.
-    """
+    def __init__(self, cost: float):
+        self._waiting = cost
+        self._guessed = self._took = 0.0
 
-    def __init__(self, triangles: Mapping[str, int]):
-        self.triangles = dict(triangles)
-        self._measured: list[tuple[RunSpec, set[str], float]] = []
+    def start(self, cost: float) -> None:
+        """A task begins, which no longer waits."""
+        self._waiting -= cost
 
-    def guess(self, specs: Sequence[RunSpec]) -> float:
-        """Uncorrected seconds of a group."""
-        triangles = self.triangles.get(specs[0].scene, UNKNOWN_SCENE)
-        preparation = 1.0 + triangles * TRIANGLE_SECONDS
-        return preparation + sum(guessed_seconds(spec, triangles) for spec in specs)
+    def measured(self, cost: float, seconds: float) -> None:
+        """A task of this cost took so many seconds."""
+        self._guessed, self._took = self._guessed + cost, self._took + seconds
 
-    def predict(self, specs: Sequence[RunSpec]) -> float:
-        """Corrected seconds of a group."""
-        tracers = {spec.variant.tracer for spec in specs}
-        weights, total = 0.0, 0.0
-        for other, other_tracers, factor in self._measured:
-            alike = len(tracers & other_tracers) / len(tracers | other_tracers)
-            weight = 1.0 + 4.0 * (other.scene == specs[0].scene) + 4.0 * alike
-            weights, total = weights + weight, total + weight * math.log(factor)
-        return self.guess(specs) * (math.exp(total / weights) if weights else 1.0)
-
-    def measured(self, specs: Sequence[RunSpec], seconds: float) -> None:
-        """Learn that the group of `specs` took `seconds`."""
-        factor = max(seconds, 1e-3) / self.guess(specs)
-        self._measured.append((specs[0], {spec.variant.tracer for spec in specs}, factor))
-
-    def left(
-        self, running: Sequence[RunSpec], elapsed: float, done: float, waiting: Sequence[Sequence[RunSpec]]
-    ) -> float:
-        """Seconds left: of the running group, `elapsed` seconds old and `done` in [0, 1], and of the rest."""
-        rest = sum(self.predict(specs) for specs in waiting)
-        if not running:
-            return rest
-        whole = self.predict(running)
+    def left(self, cost: float, elapsed: float, done: float) -> float:
+        """Seconds left of the running task, `elapsed` seconds old and `done` in [0, 1], and of those that wait."""
+        factor = self._took / self._guessed if self._guessed else 1.0
+        whole = cost * factor
         if done > 0.1:
             whole = (1.0 - done) * whole + done * (elapsed / done)
-        return rest + max(whole - elapsed, whole * (1.0 - done) * 0.25)
+        return max(self._waiting, 0.0) * factor + max(whole - elapsed, whole * (1.0 - done) * 0.25)
 
 
 def about(seconds: float) -> str:
@@ -151,20 +48,14 @@ def about(seconds: float) -> str:
 
 
 class Display:
-    """Shows a sweep's progress on `console`: run lines everywhere, the bar on a terminal only."""
+    """Shows progress on `console`: a line for each part everywhere, the bar on a terminal only."""
 
     def __init__(
-        self,
-        console: Console,
-        total: int,
-        done: int,
-        time_left: TimeLeft,
-        clock: Callable[[], float] = time.monotonic,
+        self, console: Console, total: int, done: int, cost: float, clock: Callable[[], float] = time.monotonic
     ):
         self.console, self.total, self.done = console, total, done
-        self.time_left, self._clock = time_left, clock
-        self._running: Sequence[RunSpec] = []
-        self._waiting: Sequence[Sequence[RunSpec]] = []
+        self.time_left, self._clock = TimeLeft(cost), clock
+        self._task: Task | None = None
         self._started, self._fraction = clock(), 0.0
         self._bar = Progress(
             TextColumn("{task.description}"),
@@ -176,7 +67,7 @@ class Display:
             disable=not console.is_terminal,
             expand=False,
         )
-        self._task = self._bar.add_task("starting", total=total, completed=done)
+        self._line = self._bar.add_task("starting", total=total, completed=done)
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -185,54 +76,49 @@ class Display:
     def __exit__(self, *_) -> None:
         self._bar.stop()
 
-    def start_group(self, specs: Sequence[RunSpec], waiting: Sequence[Sequence[RunSpec]]) -> None:
-        """A group begins; `waiting` are those after it."""
-        self._running, self._waiting, self._started = specs, waiting, self._clock()
-        self._show(group_name(specs[0]), 0.0)
+    def start(self, task: Task) -> None:
+        """A task begins."""
+        self._task, self._started = task, self._clock()
+        self.time_left.start(task.cost)
+        self._show(task.name, 0.0)
 
-    def progress(self, progress) -> None:
-        """Callback for `pipeline.run_group`: what it is doing now."""
-        what = run_name(progress.spec) if progress.spec else group_name(self._running[0])
-        self._show(f"{what}, {progress.stage}", progress.done)
+    def tell(self, step: Step) -> None:
+        """What the task is doing now."""
+        names = {part.id: part.name for part in self._task.parts}
+        self._show(f"{names.get(step.part, self._task.name)}, {step.stage}", step.done)
 
-    def end_group(self, whole: bool) -> None:
-        """The group is over; its time corrects the estimate if all of it ran."""
+    def end(self, whole: bool) -> None:
+        """The task is over; its time corrects the estimate if all of it was measured."""
         if whole:
-            self.time_left.measured(self._running, self._clock() - self._started)
-        self._running = []
+            self.time_left.measured(self._task.cost, self._clock() - self._started)
+        self._task = None
 
-    def finished(self, spec: RunSpec, record: dict) -> None:
-        """Print the line of one stored run."""
-        self.time_left.triangles[spec.scene] = record["scene"]["triangles"]
-        if record["agreement"]["reference"] == "none":
-            self._line(spec, "not checked, hence no rate")
-            return
-        if not record["valid"]:
-            self._line(spec, f"[red]check failed: {escape(disagreement(record['agreement']))}, no rate[/red]")
-            return
-        rate = record["rate"]["total"]
-        self._line(spec, f"{rate['median'] / 1e6:.3g} Mrays/s valid" if rate else "valid, no rate")
-
-    def failed(self, spec: RunSpec, message: str) -> None:
-        """Print the line of one run that could not be carried out."""
-        self._line(spec, f"[red]error: {escape(message)}[/red]")
-
-    def _line(self, spec: RunSpec, outcome: str) -> None:
+    def stored(self, part: Part, outcome: str | None, passed: bool) -> None:
+        """A part's row is on file: print its line, if it gets one."""
         self.done += 1
+        if outcome is not None:
+            self._print(part, escape(outcome) if passed else f"[red]{escape(outcome)}[/red]")
+        self._bar.update(self._line, completed=self.done)
+
+    def failed(self, part: Part, message: str) -> None:
+        """Print the line of a part that could not be measured."""
+        self.done += 1
+        self._print(part, f"[red]error: {escape(message)}[/red]")
+        self._bar.update(self._line, completed=self.done)
+
+    def _print(self, part: Part, outcome: str) -> None:
         width = len(str(self.total))
-        head = escape(f"[{self.done:{width}}/{self.total}] {run_name(spec)} … ")
+        head = escape(f"[{self.done:{width}}/{self.total}] {part.name} … ")
         self.console.print(head + outcome, highlight=False, soft_wrap=True)
-        self._bar.update(self._task, completed=self.done)
 
     def _show(self, what: str, done: float) -> None:
         self._fraction = done
-        self._bar.update(self._task, description=escape(what), refresh=True)
+        self._bar.update(self._line, description=escape(what), refresh=True)
 
     def _left(self) -> str:
-        if not self._running:
+        if self._task is None:
             return ""
-        elapsed = self._clock() - self._started
-        return about(self.time_left.left(self._running, elapsed, self._fraction, self._waiting))
+        return about(self.time_left.left(self._task.cost, self._clock() - self._started, self._fraction))
 
 
 class _TimeLeftColumn(ProgressColumn):
@@ -244,11 +130,3 @@ class _TimeLeftColumn(ProgressColumn):
 
     def render(self, task) -> Text:
         return Text(self._text())
-
-
-def disagreement(agreement: dict) -> str:
-    """Why a check failed, with its reference: `3 of 64,000 rays missed (against embree)`."""
-    kinds = ("wrong", "missed", "phantom", "t_off", "nonfinite")
-    counts = [f"{agreement[kind]} {kind.replace('_', '-')}" for kind in kinds if agreement.get(kind)]
-    reason = agreement.get("reason") or ", ".join(counts) or "hits differ"
-    return f"{reason} (against {agreement['reference']})"

@@ -1,221 +1,45 @@
-"""Sweeps: run a tier's plan group by group, store every record at once, resume where a kill stopped it.
+"""Tasks of a study carried out: what is on file is skipped, each row stored at once, failures kept apart.
 
-The folder of a sweep holds `sweep.json` (how it was started), `env.json` (the machine), `records.jsonl`,
-and `errors.jsonl` with the runs that could not be carried out.
+A folder holds the files of its studies, and `errors.jsonl` with the parts that could not be measured.
 """
 
 from __future__ import annotations
 
-import random
 import signal
 import threading
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 
-from harness.campaign.folder import (
-    SweepRequest,
-    _describe_machine,
-    _header,
-    _message,
-    _store_error,
-    _Sweep,
-    locked,
-    passed,
-)
-from harness.campaign.plan import AccuracyRequest, SceneTask, expand
-from harness.campaign.progress import Display, SceneProgress, TimeLeft, scene_progress
-from harness.device.machine import environment_description, machine_description
-from harness.device.opened import open_device
+from harness.campaign.executors import Executor, TaskFailed
+from harness.campaign.folder import ERRORS, drop_errors, locked, store_error
+from harness.campaign.progress import Display
 from harness.errors import DefrayError
 from harness.inputs.memory import announcements
 from harness.inputs.scenes import expected_triangles, load_scene
-from harness.measure.pipeline import run_group
-from harness.measure.scene import shared_scene
-from harness.records.accuracy_row import accuracy_file
-from harness.records.origin import finish, identity, row_facts, source_of
-from harness.records.precision_row import precision_file
-from harness.records.record_file import RecordFile
-from harness.spec.run_spec import RunSpec
-from harness.studies.errors_and_leaks import default_contenders, describe, measure_accuracy
-from harness.studies.needed_precision import SAMPLES, measure_precision
-
-
-def run_accuracy(request: AccuracyRequest) -> list[dict]:
-    """Measure, store every row as soon as it is whole, and return the rows of the request, those on file included.
-
-    Raises DefrayError where a scene, a variant or the folder cannot be used.
-    """
-    console = Console(stderr=True)
-    device = open_device(request.device)
-    parts = [replace(part, contenders=part.contenders or default_contenders(device)) for part in request.parts]
-    with locked(request.out):
-        file = accuracy_file(request.out)
-        rows = file.repair()
-        stored = stored_rows(rows, device)
-        if rows and not request.resume:
-            raise DefrayError(f"{file.path} already has rows; pass --resume to go on, or choose another --out")
-        facts = {part.scene: _facts_on_file(part, stored) for part in parts}
-        missing = [_missing(part, stored, facts[part.scene]) for part in parts]
-        with scene_progress(console, sum(bool(part.contenders) for part in missing)) as progress:
-            for part in missing:
-                for row in _measured(part, device, progress):
-                    file.append(row)
-                    stored |= stored_rows([row], device)
-                    facts[part.scene] = source_of(row["scene"])
-                    progress.line(describe(row))
-        with scene_progress(console, sum(part.precision for part in parts)) as progress:
-            _run_precision(request, parts, device, progress)
-    console.print(f"{len(stored)} rows in {file.path}", highlight=False, soft_wrap=True, markup=False)
-    return [stored[part.plan.id_of(part.scene, one), *facts[part.scene]] for part in parts for one in part.contenders]
-
-
-def stored_rows(rows: Sequence[dict], device) -> dict[tuple, dict]:
-    """Rows of a device by id and by what they were measured on: a mesh that has changed since is another one."""
-    return {(row["id"], *source_of(row["scene"])): row for row in rows if row["machine"]["device"] == device.name}
-
-
-def _facts_on_file(part: SceneTask, stored: dict[tuple, dict]) -> tuple[str, str] | None:
-    """`source_of` the scene as it is now; None where no row is on file that might be of it, and it is not loaded."""
-    ids = {part.plan.id_of(part.scene, one) for one in part.contenders}
-    if not any(key[0] in ids for key in stored):
-        return None
-    scene = load_scene(part.scene)
-    return scene.source, scene.sha256
-
-
-def _missing(part: SceneTask, stored: dict[tuple, dict], facts: tuple[str, str] | None) -> SceneTask:
-    """The part without the contenders that are on file, measured on the scene as it is now."""
-    return replace(
-        part,
-        contenders=[
-            one
-            for one in part.contenders
-            if facts is None or (part.plan.id_of(part.scene, one), *facts) not in stored
-        ],
-    )
-
-
-def _measured(part: SceneTask, device, progress: SceneProgress) -> Iterator[dict]:
-    """Whole rows of one scene."""
-    if not part.contenders:
-        return
-    progress.start(part.scene)
-    shared = shared_scene(part.scene, device)
-    for row in measure_accuracy(shared, part.contenders, part.plan, device, progress.tell):
-        yield row | row_facts(machine_description(device)) | {"id": part.plan.id_of(part.scene, row["variant"])}
-    progress.end()
-
-
-def _run_precision(request: AccuracyRequest, parts: list[SceneTask], device, progress: SceneProgress) -> None:
-    """Measure what precision.jsonl lacks, scene by scene."""
-    file = precision_file(request.out)
-    stored = stored_rows(file.repair(), device)
-    for part in parts:
-        rays, repetitions = part.plan.rays, part.plan.repetitions
-        facts = {"scene": part.scene, "rays": rays, "repetitions": repetitions}
-        if not part.precision:
-            continue
-        progress.start(part.scene)
-        shared = shared_scene(part.scene, device)
-        last = identity(**facts, knob="samples", value=str(SAMPLES[-1]))  # the others are stored before it
-        if (last, shared.scene.source, shared.scene.sha256) in stored:
-            progress.end()
-            continue
-        for row in measure_precision(shared, rays, repetitions, device, progress.tell):
-            file.append(
-                row
-                | row_facts(machine_description(device))
-                | {"id": identity(**facts, knob=row["knob"], value=row["value"])}
-            )
-        progress.end()
-        progress.line(f"{part.scene} … precision and resolution: rows in {file.path}")
-
+from harness.studies.study import Part, Rows, Study, Task
 
 INTERRUPTED, TERMINATED = 130, 143
 
 
-class _Terminated(BaseException):
-    """SIGTERM arrived; not an Exception, so that nothing on the way mistakes it for a failed run."""
-
-
-def run_sweep(request: SweepRequest, console: Console | None = None) -> int:
-    """Run a sweep and return its exit code: 0, 1 (a check or a run failed), 130 or 143 (stopped).
-
-    Raises DefrayError when it cannot start: a bad file, a folder in use or with other results, no device.
-    """
-    console = console or Console(stderr=True)
-    specs = expand(request.file, request.tier)
-    with locked(request.out):
-        sweep = _open_sweep(request, specs, console)
-        try:
-            with _terminable():
-                _run_all(sweep)
-        except (KeyboardInterrupt, _Terminated) as stop:
-            # Counted on file: the signal may have come between storing a record and noting it.
-            done = len(sweep.records.done_ids() & {spec.id for spec in specs})
-            line = f"stopped after {done} of {len(specs)} runs; go on with: {request.resume_command()}"
-            console.print(escape(line), highlight=False, soft_wrap=True)
-            return TERMINATED if isinstance(stop, _Terminated) else INTERRUPTED
-    return _summary(sweep)
-
-
-def shuffled_groups(specs: Sequence[RunSpec], seed: int) -> list[list[RunSpec]]:
-    """Runs by group, in the random order that `seed` gives.
-
-    Scenes, the sets of rays of a scene, their groups and the runs of a group are shuffled; groups of one scene stay
-    together, and those with the same rays, so that each scene is loaded and each set of rays made once.
-    """
-    scenes: dict[str, dict[tuple, dict[tuple, list[RunSpec]]]] = {}
-    for spec in specs:
-        scenes.setdefault(spec.scene, {}).setdefault(spec.workload, {}).setdefault(spec.group, []).append(spec)
-    generator = random.Random(seed)
-
-    def shuffled(items: Iterable) -> list:
-        items = list(items)
-        generator.shuffle(items)
-        return items
-
-    return [
-        shuffled(group)
-        for scene in shuffled(scenes.values())
-        for workload in shuffled(scene.values())
-        for group in shuffled(workload.values())
-    ]
-
-
-def _open_sweep(request: SweepRequest, specs: list[RunSpec], console: Console) -> _Sweep:
-    """Start anew or resume; checks that the folder's results belong to the same plan."""
-
-    def warn(message: str) -> None:
-        console.print(f"[yellow]warning:[/yellow] {escape(message)}", highlight=False, soft_wrap=True)
-
-    records = RecordFile(request.out / "records.jsonl", warn=warn)
-    if not request.resume and records.path.exists() and records.path.stat().st_size:
-        raise DefrayError(f"{request.out} already has records; pass --resume to go on, or choose another --out")
-    stored = {record["id"]: passed(record) for record in records.repair()}
-    header = _header(request, specs, warn)
-    planned = {spec.id for spec in specs}
-    sweep = _Sweep(request, specs, console, records, {k: v for k, v in stored.items() if k in planned})
-    for group in shuffled_groups(specs, header.seed):
-        remaining = [spec for spec in group if spec.id not in stored]
-        if remaining:
-            sweep.waiting.append(remaining)
-    return sweep
+class Terminated(KeyboardInterrupt):
+    """SIGTERM arrived; as after Ctrl-C, nothing on the way mistakes it for a failure."""
 
 
 @contextmanager
-def _terminable() -> Iterator[None]:
-    """Let SIGTERM stop the sweep in order, as Ctrl-C does."""
+def terminable() -> Iterator[None]:
+    """Let SIGTERM stop what runs in order, as Ctrl-C does."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def stop(*_) -> None:
-        raise _Terminated
+        raise Terminated
 
     before = signal.signal(signal.SIGTERM, stop)
     try:
@@ -224,88 +48,224 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _run_all(sweep: _Sweep) -> None:
-    if not sweep.waiting:
-        return
-    device = open_device(sweep.request.device)
-    _describe_machine(sweep, environment_description(device))
-    triangles = _known_triangles(sweep.specs)
-    for line in announcements(triangles.items()):
-        sweep.console.print(line, highlight=False, soft_wrap=True, markup=False)
-    time_left = TimeLeft(triangles)
-    with Display(sweep.console, len(sweep.specs), len(sweep.stored), time_left) as display:
-        while sweep.waiting:
-            _run_group(sweep, sweep.waiting.pop(0), device, display)
+def code_of(stop: KeyboardInterrupt) -> int:
+    """The exit code of a program that was stopped."""
+    return TERMINATED if isinstance(stop, Terminated) else INTERRUPTED
 
 
-def _known_triangles(specs: list[RunSpec]) -> dict[str, int]:
-    """About how many triangles each scene has, for the time left; that of a mesh file is guessed there."""
-    counts = {name: expected_triangles(name) for name in dict.fromkeys(spec.scene for spec in specs)}
-    return {name: count for name, count in counts.items() if count}
+@dataclass
+class Outcome:
+    """`rows`: of all parts that were asked for, those on file before included, in their order.
+
+    `bad`: how many of them are failures. `failed`: parts that could not be measured. `stopped`: the exit code of a
+    campaign that a signal ended, else None.
+    """
+
+    rows: list
+    bad: int = 0
+    failed: int = 0
+    stopped: int | None = None
+
+    @property
+    def code(self) -> int:
+        """Exit code: 0, 1 (a failure), 130 or 143 (stopped)."""
+        return self.stopped or int(bool(self.bad or self.failed))
 
 
-def _run_group(sweep: _Sweep, specs: list[RunSpec], device, display: Display) -> None:
-    """Run one group; after a failed run, those of the group that are not done run again without it."""
-    display.start_group(specs, sweep.waiting)
-    errors_before = sweep.errors
-    remaining = list(specs)
-    while remaining:
-        try:
-            _attempt(sweep, remaining, device, display)
-        except _RunFailed as failure:
-            # Without a culprit it was the scene, the rays or the grid, which all runs of the group share.
-            for spec in [failure.culprit] if failure.culprit else list(remaining):
-                remaining.remove(spec)
-                _store_error(sweep, spec, failure.error)
-                display.failed(spec, _message(failure.error))
-    display.end_group(whole=sweep.errors == errors_before)
+class Ledger:
+    """Rows that stand for parts: of this device and of the scene as it is now, the latest of each part."""
+
+    def __init__(self, study: Study, rows: Sequence[Any], device: str | None):
+        self._study, self._device = study, device
+        self._rows: dict[tuple, Any] = {}
+        self._sources: dict[str, tuple] = {}
+        for row in rows:
+            self.note(row)
+
+    def note(self, row: Any, scene: str | None = None) -> str:
+        """Take in a row, of which `scene` is the one just measured; returns its part's id."""
+        part, source = self._study.id_of(row), self._study.source_of(row)
+        if self._study.device_of(row) in (None, self._device):
+            self._rows[part, *source] = row
+        if scene is not None:
+            self._sources[scene] = source
+        return part
+
+    def row_of(self, task: Task, part: Part) -> Any | None:
+        """The row that stands for a part, None where it is still to be measured."""
+        return self._rows.get((part.id, *self._source(task)))
+
+    def missing(self, task: Task) -> list[Part]:
+        """The parts that are still to be measured."""
+        return [part for part in task.parts if self.row_of(task, part) is None]
+
+    def _source(self, task: Task) -> tuple:
+        """What the rows of the scene as it is now have; it is loaded only where a row might be of it."""
+        if not self._study.of_scene:
+            return ()
+        if task.scene not in self._sources:
+            on_file = {key[0] for key in self._rows}
+            if not any(part.id in on_file for part in task.parts):
+                return ("not loaded",)
+            try:
+                scene = load_scene(task.scene)
+            except DefrayError:
+                return ("cannot be loaded",)  # which is found out again when it is measured
+            self._sources[task.scene] = (scene.source, scene.sha256)
+        return self._sources[task.scene]
 
 
-class _RunFailed(Exception):
-    """An error that struck the run `culprit`, or the whole group where that is None."""
+class InMemory:
+    """Rows of a measurement that is not stored."""
 
-    def __init__(self, error: Exception, culprit: RunSpec | None):
-        super().__init__(str(error))
-        self.error, self.culprit = error, culprit
+    path = None
 
+    def __init__(self):
+        self._rows: list = []
 
-def _attempt(sweep: _Sweep, remaining: list[RunSpec], device, display: Display) -> None:
-    """Run what remains of a group; every finished run is stored and taken out of `remaining`."""
-    running: RunSpec | None = None
+    def append(self, row: Any) -> None:
+        """Keep a row."""
+        self._rows.append(row)
 
-    def progress(step) -> None:
-        nonlocal running
-        running = step.spec
-        display.progress(step)
+    def read(self) -> list:
+        """All rows."""
+        return list(self._rows)
 
-    results = run_group(list(remaining), device, progress)
-    while remaining:
-        try:
-            spec, body = next(results)
-        except StopIteration:
-            raise _RunFailed(DefrayError("the pipeline returned no result"), None) from None
-        except Exception as error:  # a fault in one run must not cost the others theirs
-            raise _RunFailed(error, running if running in remaining else None) from error
-        try:
-            record = finish(body, spec, machine_description(device))
-        except DefrayError as error:
-            raise _RunFailed(error, spec) from error
-        sweep.records.append(record)
-        sweep.stored[spec.id] = passed(record)
-        remaining.remove(spec)
-        display.finished(spec, record)
+    repair = read
 
 
-def _summary(sweep: _Sweep) -> int:
-    """Print the last line; the exit code is 1 if any run on file is invalid or any could not run."""
-    valid = sum(sweep.stored.values())
-    invalid = len(sweep.stored) - valid
-    parts = [f"{len(sweep.specs)} runs: {valid} valid"]
-    if invalid:
-        parts.append(f"[red]{invalid} failed the check and have no rate[/red]")
-    if sweep.errors:
-        where = escape(str(sweep.request.out / "errors.jsonl"))
-        parts.append(f"[red]{sweep.errors} could not run (see {where})[/red]")
-    line = ", ".join(parts) + f"; records in {escape(str(sweep.records.path))}"
-    sweep.console.print(line, highlight=False, soft_wrap=True)
-    return 1 if invalid or sweep.errors else 0
+def run(
+    tasks: Sequence[Task],
+    executor: Executor,
+    out: Path | None,
+    resume: bool = False,
+    command: str = "",
+    console: Console | None = None,
+) -> Outcome:
+    """Carry out tasks of one study in the folder `out`, which is locked meanwhile; None stores nothing.
+
+    `resume`: rows on file stand for their parts. `command` goes on with what a signal has stopped. Raises DefrayError
+    where the folder cannot be used.
+    """
+    with locked(out) if out else nullcontext():
+        return carry_out(tasks, executor, out, resume, command, console)
+
+
+def carry_out(
+    tasks: Sequence[Task],
+    executor: Executor,
+    out: Path | None,
+    resume: bool = False,
+    command: str = "",
+    console: Console | None = None,
+) -> Outcome:
+    """`run` in a folder that is locked already."""
+    console = console or Console(stderr=True)
+    campaign = _Campaign(tasks, executor, out, console)
+    campaign.open(resume)
+    try:
+        with terminable():
+            campaign.measure()
+    except KeyboardInterrupt as stop:
+        # Counted on file: the signal may have come between storing a row and noting it.
+        ids = {campaign.study.id_of(row) for row in campaign.file.read()}
+        done = sum(part.id in ids for task in tasks for part in task.parts)
+        line = f"stopped after {done} of {campaign.total} {campaign.study.unit}"
+        console.print(escape(line + (f"; go on with: {command}" if command else "")), highlight=False, soft_wrap=True)
+        return campaign.outcome(code_of(stop))
+    campaign.summarise()
+    return campaign.outcome()
+
+
+def refuse_rows(path: Path) -> None:
+    """Raise DefrayError where a file has rows already."""
+    if path.exists() and path.stat().st_size:
+        raise DefrayError(f"{path} already has records; pass --resume to go on, or choose another --out")
+
+
+class _Campaign:
+    """Tasks on their way."""
+
+    def __init__(self, tasks: Sequence[Task], executor: Executor, out: Path | None, console: Console):
+        self.study, self.tasks, self.executor, self.out, self.console = tasks[0].study, tasks, executor, out, console
+        self.total = sum(len(task.parts) for task in tasks)
+        self.failed = 0
+        self.stored: set[str] = set()  # ids of parts measured now
+
+    def open(self, resume: bool) -> None:
+        """Open the file; its rows count when resuming."""
+        machine = self.executor.machine
+        self.file: Rows = self.study.file(self.out, machine) if self.out else InMemory()
+        self.file.warn = self._warn
+        if self.out and not resume and not self.study.adds:
+            refuse_rows(self.file.path)
+        rows = self.file.repair()
+        self.ledger = Ledger(self.study, rows if resume else [], machine["device"])
+
+    def _warn(self, message: str) -> None:
+        self.console.print(f"[yellow]warning:[/yellow] {escape(message)}", highlight=False, soft_wrap=True)
+
+    def measure(self) -> None:
+        """Carry out what is not on file."""
+        waiting = [task.only(parts) for task in self.tasks if (parts := self.ledger.missing(task))]
+        scenes = dict.fromkeys(task.scene for task in waiting if task.scene)
+        for line in announcements((name, expected_triangles(name)) for name in scenes):
+            self.console.print(line, highlight=False, soft_wrap=True, markup=False)
+        done = self.total - sum(len(task.parts) for task in waiting)
+        if not waiting:
+            return
+        with Display(self.console, self.total, done, sum(task.cost for task in waiting)) as display:
+            try:
+                for task in waiting:
+                    self._run(task, display)
+            finally:
+                if self.out:
+                    drop_errors(self.out, self.stored)
+
+    def _run(self, task: Task, display: Display) -> None:
+        """Carry out one task; after a failed part, those that are not done run again without it."""
+        display.start(task)
+        failed_before, remaining = self.failed, {part.id: part for part in task.parts}
+        while remaining:
+            try:
+                self._attempt(task.only(remaining.values()), remaining, display)
+            except TaskFailed as failure:
+                # Without a culprit it was the scene, the rays or the grid, which all parts of the task share.
+                for part in [failure.part] if failure.part in remaining else list(remaining):
+                    self._fail(task, remaining.pop(part), failure, display)
+        display.end(whole=self.failed == failed_before)
+
+    def _attempt(self, task: Task, remaining: dict[str, Part], display: Display) -> None:
+        """Measure what remains of a task; every part whose row is stored is taken out of `remaining`."""
+        for row in self.executor.submit(task, display.tell):
+            self.file.append(row)
+            part = remaining.pop(self.ledger.note(row, task.scene), None)
+            if part:
+                self.stored.add(part.id)
+                display.stored(part, self.study.outcome(row), self.study.passed(row))
+        if remaining:
+            raise TaskFailed("the study returned no row")
+
+    def _fail(self, task: Task, part: Part, failure: TaskFailed, display: Display) -> None:
+        self.failed += 1
+        if self.out:
+            store_error(self.out, task, part, failure)
+        display.failed(part, failure.message)
+
+    def outcome(self, stopped: int | None = None) -> Outcome:
+        """The rows of all parts, and how it went."""
+        found = [self.ledger.row_of(task, part) for task in self.tasks for part in task.parts]
+        rows = [row for row in found if row is not None]
+        return Outcome(rows, sum(not self.study.passed(row) for row in rows), self.failed, stopped)
+
+    def summarise(self) -> None:
+        """Print the last line."""
+        study, outcome = self.study, self.outcome()
+        parts = [f"{self.total} {study.unit}: {len(outcome.rows) - outcome.bad} {study.good}"]
+        if outcome.bad:
+            parts.append(f"[red]{outcome.bad} {study.bad}[/red]")
+        if self.failed:
+            where = f" (see {escape(str(self.out / ERRORS))})" if self.out else ""
+            parts.append(f"[red]{self.failed} could not run{where}[/red]")
+        line = ", ".join(parts) + (f"; records in {escape(str(self.file.path))}" if self.out else "")
+        self.console.print(line, highlight=False, soft_wrap=True)

@@ -8,9 +8,11 @@ from typing import Annotated
 
 import typer
 
-from harness.campaign.plan import AccuracyRequest, scene_tasks
-from harness.campaign.runner import run_accuracy
-from harness.commands.options import DeviceOption, JsonOption, print_json
+from harness.campaign.executors import Local
+from harness.campaign.runner import run
+from harness.campaign.tasks import accuracy_scenes, accuracy_tasks, precision_tasks
+from harness.commands.options import DeviceOption, JsonOption, ResumeOption, again, print_json
+from harness.device.opened import open_device
 from harness.studies.errors_and_leaks import parse_contenders
 
 VariantsOption = Annotated[
@@ -54,9 +56,7 @@ def accuracy(
         bool,
         typer.Option("--precision", help="Also measure resolution, precision and rays a pixel: precision.jsonl."),
     ] = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Keep the rows on file and measure what is missing.")
-    ] = False,
+    resume: ResumeOption = False,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -64,11 +64,19 @@ def accuracy(
 
     The variants of a scene are timed in turns; each is stored once all are timed and its own errors are known.
     What is interrupted before goes on with --resume from the start of that scene.
+    A variant that fails costs no other its row; it is told in errors.jsonl, and the exit code is 1.
     """
-    parts = scene_tasks(scenes or [], tier, rays, aimed, repetitions)
+    chosen = accuracy_scenes(scenes or [], tier, rays, aimed, repetitions)
     given = {} if variants is None else {"contenders": parse_contenders(variants)}
     given |= {"precision": True} if precision else {}
-    parts = [replace(part, **given) for part in parts]
-    rows = run_accuracy(AccuracyRequest(parts, out, resume, device))
+    chosen = [replace(one, **given) for one in chosen]
+    executor = Local(open_device(device))
+    found = run(accuracy_tasks(chosen, executor.device), executor, out, resume, again())
+    code = found.code
+    more = precision_tasks(chosen)
+    if more and not found.stopped:
+        # Its rows do not stand in the way of those that are missing: a stopped one goes on.
+        code = run(more, executor, out, True, again()).code or code
     if json:
-        print_json(rows)
+        print_json(found.rows)
+    raise typer.Exit(code)

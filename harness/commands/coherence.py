@@ -9,20 +9,23 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from harness.campaign.rows import measured_rows, scene_specs
+from harness.campaign.executors import Local
+from harness.campaign.runner import run
+from harness.campaign.tasks import coherence_tasks
 from harness.commands.options import (
     DeviceOption,
     JsonOption,
     KindOption,
     RaysOption,
+    ResumeOption,
     SeedOption,
     StructureOption,
+    again,
     show_rows,
 )
-from harness.records.coherence_row import Coherence, coherence_file, predicted_ratios
-from harness.spec.run_spec import Variant, parse_count
-from harness.spec.structure import parse_structure
-from harness.studies.lanes_and_lines import WIDTHS, measure_coherence
+from harness.device.opened import open_device
+from harness.records.coherence_row import Coherence, predicted_ratios
+from harness.studies.lanes_and_lines import WIDTHS
 
 EPILOG = "Example:  [bold]defray coherence sponza --rays 64k --out results/mine[/bold]"
 
@@ -38,6 +41,7 @@ def coherence(
     kind: KindOption = "diffuse",
     seed: SeedOption = 1,
     structure: StructureOption = "8/128",
+    resume: ResumeOption = False,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -46,13 +50,10 @@ def coherence(
     The counts come from the real cell sequences of the rays and are the same on every device.
     They are compared with those of the tracers before they are stored.
     """
-    variants = [Variant.parse(f"forward:{intersector}"), Variant.parse(f"deferred:{intersector}:wave={wave}")]
-    common = {"rays": parse_count(rays), "kind": kind, "seed": seed}
-    groups = scene_specs(scenes, variants, parse_structure(structure), **common)
-    rows = measured_rows(
-        groups, device, out, coherence_file, lambda specs, opened, _: [measure_coherence(specs, wave, opened)]
-    )
-    show_rows(rows, json, print_counts)
+    tasks = coherence_tasks(scenes, intersector, wave, rays, kind, seed, structure)
+    found = run(tasks, Local(open_device(device)), out, resume, again())
+    show_rows(found.rows, json, print_counts)
+    raise typer.Exit(found.code)
 
 
 def print_counts(row: dict) -> None:

@@ -7,7 +7,6 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness import tracers
-from harness.campaign.progress import disagreement, run_name
 from harness.commands.options import print_error
 from harness.device.machine import machine_description
 from harness.device.opened import open_device
@@ -15,8 +14,10 @@ from harness.errors import known
 from harness.inputs.memory import announcements
 from harness.inputs.scenes import expected_triangles
 from harness.measure.pipeline import run_group
+from harness.measure.scene import Scenes
 from harness.records.origin import finish
 from harness.spec.run_spec import parse_count
+from harness.studies.runs import disagreement, run_name
 
 
 def common_fields(rays: str, kind: str, seed: int, view: str | None, repetitions: int, check: str) -> dict:
@@ -48,7 +49,7 @@ def measured_group(specs: list, device_part: str | None) -> list[dict]:
             what = run_name(step.spec) if step.spec else specs[0].scene
             status.update(f"{escape(what)}: {escape(step.stage)} ({step.done:.0%})")
 
-        for spec, body in run_group(specs, device, progress):
+        for spec, body in run_group(specs, Scenes(device), progress):
             done[spec.id] = finish(body, spec, machine_description(device))
     return [done[spec.id] for spec in specs]
 

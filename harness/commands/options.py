@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -36,6 +37,7 @@ StructureOption = Annotated[
         "rays, the device and the deferred variant, if there is one.",
     ),
 ]
+ResumeOption = Annotated[bool, typer.Option("--resume", help="Keep the rows on file and measure what is missing.")]
 RepetitionsOption = Annotated[int, typer.Option(min=1, help="Timed repetitions.")]
 CheckOption = Annotated[
     str, typer.Option(help="Compare hits with 'embree' or with 'exact' arithmetic, or 'none' (no check).")
@@ -65,6 +67,12 @@ RayFileOption = Annotated[
         "'t_max' float\\[n], or raw little-endian 6 x float32 a ray; the first --rays of them.",
     ),
 ]
+
+
+def again() -> str:
+    """The command that goes on with this one when it is stopped."""
+    arguments = [Path(sys.argv[0]).name, *sys.argv[1:]]
+    return shlex.join(arguments + ([] if "--resume" in arguments else ["--resume"]))
 
 
 def print_json(value: Any) -> None:

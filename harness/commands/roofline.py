@@ -9,24 +9,24 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from harness.campaign.rows import measured_rows, scene_specs
+from harness.campaign.executors import Local
+from harness.campaign.runner import run
+from harness.campaign.tasks import ROOFLINE_VARIANTS, device_variants, roofline_tasks
 from harness.commands.options import (
     DeviceOption,
     JsonOption,
     KindOption,
     RaysOption,
+    ResumeOption,
     SeedOption,
     StructureOption,
+    again,
     show_rows,
 )
-from harness.errors import CheckFailed, DefrayError
-from harness.records.roofline_row import roofline_file
-from harness.spec.run_spec import Variant, parse_count
-from harness.spec.structure import parse_structure
+from harness.device.opened import open_device
+from harness.errors import CheckFailed
 from harness.studies.roofline.instructions import inner_loop
-from harness.studies.roofline.measured_kernels import measure_roofline
 
-VARIANTS = "deferred:ray-space:arrange=record:pairs=copy,forward:ray-space"
 EPILOG = "Example:  [bold]defray roofline sponza --structure 'adaptive density=0.3' --out results/mine[/bold]"
 
 
@@ -34,7 +34,7 @@ def roofline(
     scenes: Annotated[list[str], typer.Argument(metavar="SCENE ...", help="Scenes or mesh files.")],
     variants: Annotated[
         str, typer.Option(metavar="A,B,...", help="Tracers of the device: tracer:intersector[:option=value...].")
-    ] = VARIANTS,
+    ] = ROOFLINE_VARIANTS,
     out: Annotated[Path, typer.Option(help="Folder for roofline.jsonl; made if it is not there.")] = Path(
         "results/out"
     ),
@@ -48,6 +48,7 @@ def roofline(
         bool,
         typer.Option("--instructions", help="Also count instructions of each deferred variant's loop (PoCL)."),
     ] = False,
+    resume: ResumeOption = False,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -56,27 +57,17 @@ def roofline(
     Ceilings (copying from memory and from the last cache, fused multiply-adds) are measured in the same repetitions.
     The report draws the rows as a roofline.
     """
-    parsed = device_variants(variants)
-    if check not in ("embree", "exact"):
-        raise DefrayError(f"times need a check, 'embree' or 'exact', not '{check}'")
-    grid = parse_structure(structure)
-    common = {"rays": parse_count(rays), "kind": kind, "seed": seed, "repetitions": repetitions, "check": check}
-    groups = scene_specs(scenes, parsed, grid, **common)
-    rows = measured_rows(groups, device, out, roofline_file, measure_roofline)
-    show_rows(rows, json, console_table)
+    tasks = roofline_tasks(scenes, variants, rays, kind, seed, structure, repetitions, check)
+    found = run(tasks, Local(open_device(device)), out, resume, again())
+    show_rows(found.rows, json, console_table)
+    if found.stopped:
+        raise typer.Exit(found.code)
     if instructions:
-        print_instructions(parsed)
-    for row in rows:
+        print_instructions(device_variants(variants))
+    for row in found.rows:
         if not row["valid"]:
             raise CheckFailed(f"check failed: {row['scene']['name']} {row['variant']}; no times are reported")
-
-
-def device_variants(text: str) -> list:
-    """Variants separated by commas; raises DefrayError where there is none."""
-    parsed = [Variant.parse(part.strip()) for part in text.split(",") if part.strip()]
-    if not parsed:
-        raise DefrayError(f"'{text}' names no variant; write one, as in deferred:ray-space")
-    return parsed
+    raise typer.Exit(found.code)
 
 
 def console_table(row: dict) -> None:

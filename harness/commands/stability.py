@@ -9,18 +9,15 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from harness.commands.options import DeviceOption, JsonOption, print_json
-from harness.device.machine import machine_description
+from harness.campaign.executors import Local
+from harness.campaign.runner import run
+from harness.campaign.tasks import check_suite, stability_tasks
+from harness.commands.options import DeviceOption, JsonOption, ResumeOption, again, print_json
 from harness.device.opened import open_device
-from harness.records import stability_row as report
-from harness.spec.intersectors import DEFAULT, INTERSECTORS, find
-from harness.spec.stress_suite import families, select, size_of
-from harness.studies.stability.kernel_rates import kernel_rates
-from harness.studies.stability.pairs import contracts
-from harness.studies.stability.stress_run import chosen, run_suite
+from harness.spec.stress_suite import families
+from harness.studies.stability.suite import is_promised, is_test
 
 EPILOG = "Examples:  [bold]defray stability[/bold]   [bold]defray stability --intersector all --family W2[/bold]"
 
@@ -36,6 +33,7 @@ def stability(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Also add to DIR/stability.json, with test rates.")
     ] = None,
+    resume: ResumeOption = False,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -44,57 +42,31 @@ def stability(
     Every one runs with floating-point contraction off and on.
     Exits with 1 where one that is registered as watertight leaks, or the default one fails any family.
     """
-    families, size = select(family), size_of(size)
-    if intersector not in ("all", "default"):
-        find(intersector)
-    opened = open_device(device)
-    modes = contracts(opened)
-    _tell_of_contraction(opened.name, modes)
-    file = None if out is None else report.ResultsFile(out, machine_description(opened), modes)
-    rows = _measure(opened, chosen(intersector, opened), families, size, file)
+    check_suite(intersector, family, size)
+    executor = Local(open_device(device))
+    tasks = stability_tasks(executor.device, intersector, family, size, rates=out is not None)
+    tell_of_contraction(executor.device.name, tasks[0].study.contracts)
+    found = run(tasks, executor, out, resume, again() if out else "")
+    rows = [row for row in found.rows if is_test(row)]
     if json:
         print_json(rows)
     else:
         console = Console(width=None if sys.stdout.isatty() else 240)
-        console.print(report.table(rows))
-        console.print(report.LEGEND, highlight=False)
-    failed = [row for row in rows if not row["passed"] and is_promised(row, DEFAULT)]
-    for row in failed:
-        name = f"{row['intersector']}, contraction {row['contraction']}"
-        print(f"error: {name} fails family {row['family']}", file=sys.stderr)
-    raise typer.Exit(1 if failed else 0)
+        console.print(table(rows))
+        console.print(LEGEND, highlight=False)
+    for row in rows:
+        if not row["passed"] and is_promised(row):
+            name = f"{row['intersector']}, contraction {row['contraction']}"
+            print(f"error: {name} fails family {row['family']}", file=sys.stderr)
+    raise typer.Exit(found.code)
 
 
-def _tell_of_contraction(device: str, modes: dict[str, bool]) -> None:
+def tell_of_contraction(device: str, modes: dict[str, bool]) -> None:
     """A note on standard error for each mode in which the compiler does not do as it was told."""
     for mode, expected in (("off", False), ("on", True)):
         if modes[mode] is not expected:
             verb = "contracts all the same" if modes[mode] else "does not contract"
             print(f"note: with contraction {mode}, the compiler of {device} {verb}", file=sys.stderr)
-
-
-def is_promised(row: dict, default: str) -> bool:
-    """Whether passing is promised: everything of the default, no leak of one registered as watertight."""
-    return row["intersector"] == default or (INTERSECTORS[row["intersector"]].watertight and bool(row["leaks"]))
-
-
-def _measure(device, entries, families, size: str, file) -> list[dict]:
-    """All rows, with a progress bar on standard error; into `file`, and with the test rates, where there is one."""
-    console, rows = Console(stderr=True), []
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("starting", total=None)
-
-        def tell(what: str, done: int, total: int) -> None:
-            bar.update(task, description=what, completed=done, total=total)
-
-        for row in run_suite(device, entries, families, size, lambda step: tell(step.what, step.done, step.total)):
-            rows.append(row)
-            if file:
-                file.add([row])
-        if file:
-            file.add(kernel_rates=kernel_rates(device, entries, tell))
-    return rows
 
 
 LEGEND = (

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from harness.campaign.folder import SweepRequest
-from harness.campaign.runner import run_sweep
+from harness.campaign.sweeps import SweepRequest, run_sweep
 from harness.commands.options import DeviceOption
 
 EPILOG = "Example:  [bold]defray sweep harness/paper/sweeps.toml --tier smoke --out results/out[/bold]"
@@ -29,4 +28,4 @@ def sweep(
     ] = None,
 ) -> None:
     """Run all measurements of a tier, storing each at once; a stopped sweep goes on with --resume."""
-    raise typer.Exit(run_sweep(SweepRequest(file, tier, out, resume, device, seed)))
+    raise typer.Exit(run_sweep(SweepRequest(file, tier, out, resume, device, seed)).code)

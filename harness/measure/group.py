@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from harness import stats, tracers
 from harness.data import Counters, Hits, Samples, Scene, differing
-from harness.measure.scene import shared_scene
+from harness.measure.scene import Scenes
 from harness.reference.check import Agreement
 from harness.spec.run_spec import RunSpec
 from harness.structures.base import Structure
@@ -43,11 +43,11 @@ class Run:
 class Group:
     """Scene, rays and structure of a group of runs; raises DefrayError for whatever cannot be loaded or built."""
 
-    def __init__(self, specs: Sequence[RunSpec], device, progress: Callable[[Progress], None]):
-        self.specs, self.device, self._progress = specs, device, progress
+    def __init__(self, specs: Sequence[RunSpec], scenes: Scenes, progress: Callable[[Progress], None]):
+        self.specs, self.device, self._progress = specs, scenes.device, progress
         first = specs[0]
         self.tell(None, "loading scene", 0.0)
-        self.shared = shared_scene(first.scene, device)
+        self.shared = scenes.load(first.scene)
         self.tell(None, "rays", 0.05)
         self.rays = self.shared.rays(first)
         self.tell(None, "building the structure", 0.1)

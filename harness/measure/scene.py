@@ -62,20 +62,23 @@ class SharedScene:
         return self._checkers[spec.check]
 
 
-_kept: dict[tuple, SharedScene] = {}
+class Scenes:
+    """Scenes on one device, None for none; the one asked for last is kept, so that groups of one scene share it."""
 
+    def __init__(self, device):
+        self.device = device
+        self._kept: dict[str, SharedScene] = {}
 
-def shared_scene(name: str, device) -> SharedScene:
-    """Load a scene and keep it for the groups that follow, in place of the one kept before."""
-    if (name, device) not in _kept:
-        forget_scenes()
-        count = expected_triangles(name)
-        if count:
-            check_memory(name, count, device)
-        _kept[name, device] = SharedScene(load_scene(name), device)
-    return _kept[name, device]
+    def load(self, name: str) -> SharedScene:
+        """The scene `name`, in place of the one kept before; raises DefrayError where it cannot be loaded."""
+        if name not in self._kept:
+            self.forget()
+            count = expected_triangles(name)
+            if count:
+                check_memory(name, count, self.device)
+            self._kept[name] = SharedScene(load_scene(name), self.device)
+        return self._kept[name]
 
-
-def forget_scenes() -> None:
-    """Free the scene that is kept."""
-    _kept.clear()
+    def forget(self) -> None:
+        """Free the scene that is kept."""
+        self._kept.clear()

@@ -1,3 +1,3 @@
-"""Plans and published figures: `sweeps.toml`, `accuracy.toml`, `claims.toml`, `published.toml`."""
+"""Plans and published figures: `sweeps.toml`, `accuracy.toml`, `reproduce.toml`, `claims.toml`, `published.toml`."""
 
 from __future__ import annotations

@@ -6,25 +6,29 @@ at edges and vertices, of which it must let none through.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from harness import stats, tracers
 from harness.data import Hits, Rays
+from harness.device.machine import machine_description
 from harness.errors import DefrayError, known
 from harness.inputs.aimed_rays import AimedRays, aimed_rays, leaked
 from harness.measure.group import scene_facts
-from harness.measure.scene import SharedScene
-from harness.records.accuracy_row import SCHEMA
-from harness.records.origin import identity
+from harness.measure.scene import Scenes, SharedScene
+from harness.records.accuracy_row import SCHEMA, accuracy_file
+from harness.records.origin import identity, row_facts
+from harness.records.record_file import RecordFile
 from harness.reference.check import Agreement
 from harness.reference.errors_of_t import diagonal_of, distance_rmse, residual_p99
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant
 from harness.spec.structure import StructureSpec, Uniform
 from harness.structures.base import OVERLAPS
+from harness.studies.study import Part, Step, Study, Task, Tell, guessed_seconds
 from harness.tracers import check_variant, needs_structure
 from harness.tracers.base import Tracer
 from harness.tracers.forward import EXITS
@@ -33,7 +37,6 @@ PAPER_GRID = Uniform(8, 128)
 SEED = 1  # of both sets of rays
 AIMED_BLOCK = 1 << 16  # aimed rays traced before the leaks are counted
 ENOUGH_LEAKS = 1000  # a variant that has let so many through is given no more: its rate is known to 6 %
-Tell = Callable[[str, float], None]  # what is being done, and how much of the scene is
 
 
 @dataclass(frozen=True)
@@ -120,21 +123,26 @@ class AccuracyGroup:
     """A scene with its rays, its grids and the contenders that trace it."""
 
     def __init__(self, shared: SharedScene, contenders: Sequence[Contender], plan: Plan, device, tell: Tell):
-        self.shared, self.plan, self.device, self.tell = shared, plan, device, tell
-        tell("diffuse rays", 0.0)
+        self.shared, self.plan, self.device, self._tell = shared, plan, device, tell
+        self.tell("diffuse rays", 0.0)
         spec = RunSpec(scene=shared.scene.name, variant=contenders[0].variant, rays=plan.rays, seed=SEED)
         self.rays = shared.rays(spec)
         self.checker = shared.checker(spec, self.rays)
         self.checker.reference  # noqa: B018  traced now, so that its hierarchy is freed before others are built
-        tell("aimed rays", 0.02)
+        self.tell("aimed rays", 0.02)
         self.aimed = aimed_rays(shared.scene, plan.aimed, SEED, shared.embree)
-        tell("grids", 0.1)
+        self.tell("structures", 0.1)
         self._prepared = {None: shared.prepared}
         for binning in {contender.binning: None for contender in contenders if contender.binning}:
             self._prepared[binning] = shared.prepared.with_structure(plan.structure, binning)
         self.entries = [_Entry(contender, self._open(contender)) for contender in contenders]
 
+    def tell(self, stage: str, done: float, contender: Contender | None = None) -> None:
+        """Report progress; whatever is raised next is this contender's fault, or of all."""
+        self._tell(Step(contender and str(contender), stage, done))
+
     def _open(self, contender: Contender) -> Tracer:
+        self.tell("preparing", 0.12, contender)
         return tracers.open_tracer(self._prepared[contender.binning], contender.variant)
 
     def trace(self, entry: _Entry, rays: Rays) -> tuple[Hits, float]:
@@ -145,22 +153,22 @@ class AccuracyGroup:
     def warm_up(self) -> None:
         """Compile and run every kernel."""
         for place, entry in enumerate(self.entries):
-            self.tell(f"{entry.contender}, warm-up", 0.15 + 0.2 * place / len(self.entries))
+            self.tell("warm-up", 0.15 + 0.2 * place / len(self.entries), entry.contender)
             self.trace(entry, self.rays)
 
     def time(self) -> None:
         """Trace the diffuse rays, repetition after repetition, the contenders of each in random order."""
         turns = self.plan.repetitions
         for turn, share, entry in stats.interleaved(self.entries, turns, SEED):
-            self.tell(f"{entry.contender}, repetition {turn + 1} of {turns}", 0.35 + 0.35 * (turn + share) / turns)
+            self.tell(f"repetition {turn + 1} of {turns}", 0.35 + 0.35 * (turn + share) / turns, entry.contender)
             entry.hits, seconds = self.trace(entry, self.rays)
             entry.seconds.append(seconds)
 
     def judge(self, entry: _Entry, done: float) -> None:
         """Count the aimed rays that a contender lets through, and compare its diffuse hits with the reference."""
-        self.tell(f"{entry.contender}, aimed rays", done)
+        self.tell("aimed rays", done, entry.contender)
         entry.aimed = self.leaks_of(entry, self.aimed)
-        self.tell(f"{entry.contender}, check", done)
+        self.tell("check", done, entry.contender)
         entry.agreement = self.checker.check(entry.hits)
 
     def leaks_of(self, entry: _Entry, aimed: AimedRays) -> dict:
@@ -231,10 +239,34 @@ def parse_contenders(text: str) -> list[Contender]:
     return list(found.values())
 
 
-def describe(row: dict) -> str:
-    """One row as one line."""
-    aimed, error = row["aimed"], row["t_error"]["p99"]
-    rate = f"{row['rate']['median'] / 1e6:.3g} Mrays/s"
-    leaks = f"{aimed['leaks']:,} of {aimed['rays']:,} aimed rays leak"
-    t_error = "" if error is None else f", t error p99 {error:.1e}"
-    return f"{row['scene']['name']} {row['variant']} … {rate}, {leaks}{t_error}"
+class AccuracyStudy(Study):
+    """Rate and errors of variants of tracers, scene by scene."""
+
+    name = "accuracy"
+    unit = "variants"
+    adds = False
+
+    def tasks(self, scene: str, contenders: Sequence[Contender], plan: Plan) -> list[Task]:
+        """One task: all contenders on one scene."""
+        parts = [Part(plan.id_of(scene, one), f"{scene} {one}", one) for one in contenders]
+        traced = [(one.variant, plan.rays * (plan.repetitions + 1) + plan.aimed) for one in contenders]
+        return [Task(self, scene, scene, tuple(parts), guessed_seconds(scene, traced, plan.rays), plan)]
+
+    def file(self, folder: Path, machine: dict) -> RecordFile:
+        """`accuracy.jsonl`."""
+        return accuracy_file(folder)
+
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+        """The row of each contender."""
+        plan, device, ids = task.plan, scenes.device, {str(part.what): part.id for part in task.parts}
+        shared = scenes.load(task.scene)
+        contenders = [part.what for part in task.parts]
+        for row in measure_accuracy(shared, contenders, plan, device, lambda step: tell(step.of(ids))):
+            yield row | row_facts(machine_description(device)) | {"id": ids[row["variant"]]}
+
+    def outcome(self, row: dict) -> str:
+        """Rate, leaks and error of t."""
+        aimed, error = row["aimed"], row["t_error"]["p99"]
+        rate = f"{row['rate']['median'] / 1e6:.3g} Mrays/s"
+        leaks = f"{aimed['leaks']:,} of {aimed['rays']:,} aimed rays leak"
+        return f"{rate}, {leaks}" + ("" if error is None else f", t error p99 {error:.1e}")

@@ -13,23 +13,26 @@ trip of a loop after the other:
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from harness.data import Rays
+from harness.device.machine import machine_description
 from harness.device.runtime import cl
 from harness.errors import DefrayError
-from harness.measure.group import Group, scene_facts
-from harness.records.coherence_row import SCHEMA, Coherence
-from harness.records.origin import identity
+from harness.measure.group import Group, Progress, scene_facts
+from harness.measure.scene import Scenes
+from harness.records.coherence_row import SCHEMA, Coherence, coherence_file
+from harness.records.origin import identity, row_facts
+from harness.records.record_file import RecordFile
+from harness.spec.run_spec import RunSpec
+from harness.studies.study import Part, Step, Study, Task, Tell, guessed_seconds
 from harness.tracers.batch import Batch
 from harness.tracers.forward import Forward
-
-if TYPE_CHECKING:
-    from harness.tracers.prepared import Prepared
-
+from harness.tracers.prepared import Prepared
 
 MODELS = ("forward", "deferred", "deferred-packed")
 LINES = (64, 128)  # bytes of a cache line
@@ -251,12 +254,14 @@ def distinct(values: np.ndarray) -> np.ndarray:
 WIDTHS = (8, 32)
 
 
-def measure_coherence(specs: list, wave: int, device) -> dict:
+def measure_coherence(
+    specs: Sequence[RunSpec], wave: int, scenes: Scenes, tell: Callable[[Progress], None] = lambda _: None
+) -> dict:
     """The row of one scene, still without command, time and machine; `specs`: the forward run and the deferred one.
 
     Raises DefrayError where the sequences do not make the tracers' own counts.
     """
-    group = Group(specs, device, lambda _: None)
+    group = Group(specs, scenes, tell)
     forward, deferred = map(group.open_run, specs)
     intersector, prepared = forward.tracer.intersector, group.prepared
     lists = lists_of(prepared.structure, intersector.bytes)
@@ -269,11 +274,9 @@ def measure_coherence(specs: list, wave: int, device) -> dict:
                 counts.append(forward_coherence(sequences, lists, lanes))
             else:
                 counts += deferred_coherence(sequences, lists, lanes)
-    spec = {"density": None} | specs[0].structure.to_json()
-    facts = {"scene": specs[0].scene, "rays": len(group.rays), "kind": group.rays.kind, "seed": group.rays.seed}
     return {
         "schema": SCHEMA,
-        "id": identity(**facts, grid=spec, wave=wave, intersector=intersector.name, what="coherence"),
+        "id": id_of(specs[0], wave),
         "scene": scene_facts(group.shared.scene),
         "intersector": intersector.name,
         "wave": wave,
@@ -281,6 +284,13 @@ def measure_coherence(specs: list, wave: int, device) -> dict:
         "rays": {"kind": group.rays.kind, "count": len(group.rays), "seed": group.rays.seed},
         "counts": [one.as_dict() for one in counts],
     }
+
+
+def id_of(forward: RunSpec, wave: int) -> str:
+    """The id of the row of a forward run and the deferred one beside it."""
+    facts = {"scene": forward.scene, "rays": forward.rays, "kind": forward.kind, "seed": forward.seed}
+    grid = {"density": None} | forward.structure.to_json()
+    return identity(**facts, grid=grid, wave=wave, intersector=forward.variant.intersector, what="coherence")
 
 
 def compare_counts(sequences, lists, counters, variant: str) -> None:
@@ -291,3 +301,31 @@ def compare_counts(sequences, lists, counters, variant: str) -> None:
         counted = getattr(counters, name)
         if value != counted:
             raise DefrayError(f"the sequences of {variant} make {value:,} {name}, but the tracer counts {counted:,}")
+
+
+class CoherenceStudy(Study):
+    """Exact counts of lanes at work and cache lines, forward and deferred."""
+
+    name = "coherence"
+    unit, good = "scenes", "counted"
+
+    def tasks(self, specs: Sequence[RunSpec], wave: int) -> list[Task]:
+        """One task of one part: a forward run of a scene and a deferred one of `wave` cells a ray."""
+        forward = specs[0]
+        part = Part(id_of(forward, wave), f"{forward.scene} coherence", tuple(specs))
+        cost = guessed_seconds(forward.scene, [(spec.variant, 10 * spec.rays) for spec in specs], forward.rays)
+        return [Task(self, forward.scene, forward.scene, (part,), cost, wave)]
+
+    def file(self, folder: Path, machine: dict) -> RecordFile:
+        """`coherence.jsonl`."""
+        return coherence_file(folder)
+
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+        """The row of one scene."""
+        (part,) = task.parts
+        row = measure_coherence(part.what, task.plan, scenes, lambda step: tell(Step(None, step.stage, step.done)))
+        yield row | row_facts(machine_description(scenes.device))
+
+    def outcome(self, row: dict) -> str:
+        """How many rays were counted."""
+        return f"{row['rays']['count']:,} rays counted"

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from harness import stats
 from harness.data import Hits, Rays, Scene
+from harness.device.machine import machine_description
 from harness.device.stopwatch import Stopwatch
 from harness.inputs.rays import bounce, find_view, image_rays, primary_rays
 from harness.measure.group import scene_facts
-from harness.measure.scene import SharedScene
+from harness.measure.scene import Scenes, SharedScene
 from harness.records.accuracy_row import SCHEMA
+from harness.records.origin import identity, row_facts
+from harness.records.precision_row import precision_file
+from harness.records.record_file import RecordFile
 from harness.reference.check import Agreement, Checker
 from harness.reference.errors_of_t import diagonal_of, distance_rmse
 from harness.reference.exact import zero_area
 from harness.spec import intersectors
 from harness.spec.run_spec import Variant
 from harness.spec.structure import Uniform
-from harness.studies.errors_and_leaks import Tell
+from harness.studies.study import Part, Step, Study, Task, Tell, guessed_seconds
 from harness.tracers import check_variant, open_tracer
 from harness.tracers.base import Tracer
 from harness.tracers.prepared import Prepared
@@ -68,13 +73,14 @@ def measure_precision(
     entries = study.entries()
     primary = primary_rays(find_view(shared.scene, None), rays, SEED)
     for place, entry in enumerate(entries):
-        tell(f"{entry.knob} {entry.value}, warm-up", 0.2 * place / len(entries))
+        tell(Step(None, f"{entry.knob} {entry.value}, warm-up", 0.2 * place / len(entries)))
         entry.tracer.timed(primary)
     for turn, share, entry in stats.interleaved(entries, repetitions, SEED):
-        tell(f"{entry.knob} {entry.value}, repetition {turn + 1}", 0.2 + 0.3 * (turn + share) / repetitions)
+        what = f"{entry.knob} {entry.value}, repetition {turn + 1}"
+        tell(Step(None, what, 0.2 + 0.3 * (turn + share) / repetitions))
         entry.hits, seconds = entry.tracer.timed(primary)
         entry.seconds.append(seconds["total"])
-    tell("ambient occlusion", 0.5)
+    tell(Step(None, "ambient occlusion", 0.5))
     image_error, samples = study.images(tell)
     checker = Checker(shared.scene.triangles, primary, active=shared.active)
     agreements = {id(entry): checker.check(entry.hits) for entry in entries}
@@ -144,11 +150,11 @@ class _Study:
         seen = (full >= 0) & (half >= 0)
         rays, full, half = rays[seen], full[seen], half[seen]
         many, *_ = self._open_share(self.of_full, rays, full, range(MANY))
-        tell("ambient occlusion in half precision", 0.65)
+        tell(Step(None, "ambient occlusion in half precision", 0.65))
         rough, *_ = self._open_share(self.of_half, rays, half, range(MANY))
         rows = []
         for count in SAMPLES:
-            tell(f"ambient occlusion, {count} rays a pixel", 0.8)
+            tell(Step(None, f"ambient occlusion, {count} rays a pixel", 0.8))
             few, seconds, differ = self._open_share(self.of_full, rays, full, range(MANY, MANY + count), check=True)
             row = self.row("samples", str(count), str(self.variant), count * len(rays), [seconds])
             rows.append(row | {"error": rmse(few, many), "differing": differ})
@@ -178,6 +184,36 @@ class _Study:
             cast += np.bincount(pixels, minlength=len(primary))
             seconds += taken["total"]
         return np.divide(free, cast, out=np.ones_like(free), where=cast > 0), seconds, differ
+
+
+class PrecisionStudy(Study):
+    """What resolution, precision and rays a pixel cost and bring; one scene is one part, of many rows."""
+
+    name = "precision"
+    unit = "scenes"
+
+    def tasks(self, scene: str, rays: int, repetitions: int) -> list[Task]:
+        """One task: all knobs on one scene. Its part is that of the last row, which is stored after all others."""
+        facts = {"scene": scene, "rays": rays, "repetitions": repetitions}
+        part = Part(identity(**facts, knob="samples", value=str(SAMPLES[-1])), f"{scene} precision and resolution")
+        variants = len(RESOLUTIONS) + 2
+        traced = [(check_variant(Variant(tracer="deferred")), rays * (repetitions + 1))] * variants
+        return [Task(self, part.name, scene, (part,), guessed_seconds(scene, traced, rays), facts)]
+
+    def file(self, folder: Path, machine: dict) -> RecordFile:
+        """`precision.jsonl`."""
+        return precision_file(folder)
+
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+        """Every value of every knob."""
+        rays, repetitions, device = task.plan["rays"], task.plan["repetitions"], scenes.device
+        for row in measure_precision(scenes.load(task.scene), rays, repetitions, device, tell):
+            named = {"id": identity(**task.plan, knob=row["knob"], value=row["value"])}
+            yield row | row_facts(machine_description(device)) | named
+
+    def outcome(self, row: dict) -> str:
+        """The last row stands for all."""
+        return "measured"
 
 
 def differing(found: Agreement) -> int:

@@ -13,7 +13,7 @@ from harness import tracers
 from harness.data import Hits, Rays, View
 from harness.inputs.rays import bounce, image_rays
 from harness.inputs.scenes import is_real, stand_in_scene
-from harness.measure.scene import shared_scene
+from harness.measure.scene import Scenes
 from harness.spec.run_spec import split_size
 from harness.structures.uniform import auto_spec
 from harness.tracers.prepared import Prepared
@@ -73,12 +73,12 @@ def write_views(folder: Path, scenes: dict[str, str], device) -> list[Path]:
     `scenes`: the names in records, and what `load_scene` finds each by. A real scene that has a stand-in gets that
     one's picture too, SCENE-stand-in.png. Raises DefrayError for a scene that cannot be loaded.
     """
-    written = []
+    written, kept = [], Scenes(device)
     folder.mkdir(parents=True, exist_ok=True)
     for name, found_by in scenes.items():
         if split_size(name)[1] != "1":
             continue  # a rung of the size ladder looks as its full scene does
-        written += _write(folder / f"{name}.png", lambda found_by=found_by: shared_scene(found_by, device).prepared)
+        written += _write(folder / f"{name}.png", lambda found_by=found_by: kept.load(found_by).prepared)
         recipe = recipes().get(name)
         if recipe and recipe.stand_in and is_real(recipe):
             stand_in = partial(stand_in_scene, recipe)

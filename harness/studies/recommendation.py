@@ -15,7 +15,7 @@ from harness.device.machine import machine_description
 from harness.device.opened import Device, open_device
 from harness.errors import DefrayError
 from harness.inputs.aimed_rays import AimedRays, aimed_rays, leaked
-from harness.measure.scene import SharedScene, shared_scene
+from harness.measure.scene import Scenes, SharedScene
 from harness.records.accuracy_row import accuracy_file
 from harness.records.origin import latest_rows, source_of
 from harness.spec.structure import structure_from_json
@@ -169,7 +169,15 @@ def recommend(scene: str, limits: Limits, folder: Path | None, device_part: str 
             f"{PLAN.rays:,} diffuse rays"
         )
         contenders = default_contenders(device)
-        rows = list(measure_accuracy(deeper.shared, contenders, PLAN, device, lambda what, _: say(what)))
+        rows = list(
+            measure_accuracy(
+                deeper.shared,
+                contenders,
+                PLAN,
+                device,
+                lambda step: say(", ".join(filter(None, (step.part, step.stage)))),
+            )
+        )
     advice = advise(scene, rows, limits, deeper)
     advice.notes = notes
     return advice
@@ -180,13 +188,14 @@ class Deeper:
 
     def __init__(self, scene: str, limits: Limits, device: Device, note: Say):
         self.scene, self.limits, self.device, self._note = scene, limits, device, note
+        self._scenes = Scenes(device)
         self._pieces: list[AimedRays] = []
         self._prepared: dict = {}
 
     @property
     def shared(self) -> SharedScene:
         """The scene, loaded at first use."""
-        return shared_scene(self.scene, self.device)
+        return self._scenes.load(self.scene)
 
     def __call__(self, row: dict) -> dict:
         """The row with the counts of so many aimed rays, fewer where one leaks."""

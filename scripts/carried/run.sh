@@ -82,6 +82,6 @@ cat "$here/doctor.txt"
 # Relative, so that records name no folder of this machine.
 out=../results-$tier${DEVICE:+-${DEVICE//[^A-Za-z0-9]/-}}
 code=0
-DEFRAY_REPORT=0 bash scripts/reproduce.sh "$tier" "$out" || code=$?
+.venv/bin/defray reproduce "$tier" --out "$out" --no-report || code=$?
 if [ -s "$out/records.jsonl" ]; then pack; fi
 exit "$code"

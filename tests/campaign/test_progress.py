@@ -5,38 +5,33 @@ from __future__ import annotations
 import pytest
 
 from harness.campaign import progress
-from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import Uniform
+from harness.spec.run_spec import Variant
+from harness.studies.study import guessed_seconds
 
 
-def spec_on(scene: str, tracer: str = "deferred:ray-space", rays: int = 1_000_000) -> RunSpec:
-    return RunSpec(scene=scene, variant=Variant.parse(tracer), structure=Uniform(), rays=rays)
+def test_time_left_is_what_was_guessed_times_measured_over_guessed():
+    time_left = progress.TimeLeft(60)
+    assert time_left.left(0, 0, 0) == 60
+    for cost, seconds in ((10, 20), (20, 70)):
+        time_left.start(cost)
+        time_left.measured(cost, seconds)
+    assert time_left.left(0, 0, 0) == pytest.approx(30 * 90 / 30)
 
 
-def test_time_left_learns_from_measured_groups():
-    time_left = progress.TimeLeft({"small": 100_000, "large": 5_000_000})
-    small, large = [spec_on("small")], [spec_on("large")]
-    assert time_left.predict(large) > 3 * time_left.predict(small), "not a plain mean"
-    time_left.measured(small, 10 * time_left.guess(small))
-    assert time_left.predict(large) == pytest.approx(10 * time_left.guess(large))
-    time_left.measured(large, 30 * time_left.guess(large))
-    assert 20 < time_left.predict(large) / time_left.guess(large) < 30, "the same scene weighs more"
+def test_time_left_falls_while_a_task_runs():
+    time_left = progress.TimeLeft(15)
+    time_left.start(10)
+    steps = [time_left.left(10, 10 * share, share) for share in (0.0, 0.3, 0.6, 0.9)]
+    assert steps == sorted(steps, reverse=True) and steps[0] == 15
+    assert time_left.left(10, 30, 0.0) > 5, "an overdue task is not free"
 
 
-def test_time_left_falls_while_a_group_runs():
-    time_left = progress.TimeLeft({})
-    group, waiting = [spec_on("a")], [[spec_on("b")]]
-    whole = time_left.predict(group)
-    steps = [time_left.left(group, share * whole, share, waiting) for share in (0.0, 0.3, 0.6, 0.9)]
-    assert steps == sorted(steps, reverse=True)
-    assert steps[0] == pytest.approx(whole + time_left.predict(waiting[0]))
-    assert time_left.left(group, 3 * whole, 0.0, []) > 0, "an overdue group is not free"
+def test_a_tracer_costs_by_what_it_does_not_by_its_name():
+    def seconds(text: str) -> float:
+        return guessed_seconds("sponza", [(Variant.parse(text), 1_000_000)], 0)
 
-
-def test_cost_model_orders_tracers():
-    brute = progress.guessed_seconds(spec_on("a", "brute:ray-space"), 300_000)
-    embree = progress.guessed_seconds(spec_on("a", "embree"), 300_000)
-    assert brute > 50 * progress.guessed_seconds(spec_on("a"), 300_000) > 50 * embree
+    assert seconds("brute:ray-space") > 20 * seconds("deferred:ray-space") > 20 * seconds("embree")
+    assert seconds("streamed:ray-space") == seconds("deferred:ray-space") == seconds("forward:ray-space")
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,12 @@ from rich.console import Console
 from test_record_file import MACHINE, make_body
 
 from harness.campaign import plan
-from harness.campaign import runner as sweep
+from harness.campaign import sweeps as sweep
 from harness.errors import DefrayError
 from harness.records.record_file import RecordFile
 from harness.spec.run_spec import RunSpec, Variant
 from harness.spec.structure import Uniform
+from harness.studies.runs import shuffled_groups
 
 ROOT = Path(__file__).resolve().parents[2]
 TIER = """
@@ -45,7 +46,7 @@ def body_of(spec: RunSpec, valid: bool = True) -> dict:
     return body
 
 
-def fake_run_group(specs, device, report=None):
+def fake_run_group(specs, scenes, report=None):
     """Yield a body per spec, last one first."""
     for number, spec in enumerate(reversed(specs)):
         report(SimpleNamespace(spec=spec, stage="repetition 1 of 2", done=number / len(specs)))
@@ -55,14 +56,16 @@ def fake_run_group(specs, device, report=None):
 def install_fakes(monkeypatch, run_group=fake_run_group) -> None:
     """Put fakes in place of the pipeline, the device and the scenes."""
     replaced = {
-        "campaign.runner.run_group": run_group,
+        "studies.runs.run_group": run_group,
         "commands.measuring.run_group": run_group,
-        "campaign.runner.open_device": lambda part: None,
+        "campaign.sweeps.open_device": lambda part: None,
+        "commands.reproduce.open_device": lambda part: None,
         "commands.measuring.open_device": lambda part: None,
         "commands.views.open_device": lambda part: None,
-        "campaign.runner.machine_description": lambda device: dict(MACHINE),
+        "campaign.executors.machine_description": lambda device: dict(MACHINE),
+        "studies.runs.machine_description": lambda device: dict(MACHINE),
         "commands.measuring.machine_description": lambda device: dict(MACHINE),
-        "campaign.runner.environment_description": lambda device: dict(MACHINE),
+        "campaign.executors.environment_description": lambda device: dict(MACHINE),
         "commands.scenes.list_scenes": list,
     }
     for name, value in replaced.items():
@@ -87,7 +90,7 @@ def start(request, **changes) -> tuple[int, str]:
     for key, value in changes.items():
         setattr(request, key, value)
     with open(request.file.with_name("printed"), "w+") as printed:
-        code = sweep.run_sweep(request, Console(file=printed))
+        code = sweep.run_sweep(request, Console(file=printed)).code
         printed.seek(0)
         return code, printed.read()
 
@@ -120,9 +123,9 @@ def test_grids():
         plan.parse_structure("8/100")
     with pytest.raises(DefrayError, match=r"needs; 8 would do"):
         plan.parse_structure("8/5")
-    with pytest.raises(DefrayError, match="unknown reading 'each'; known: adaptive, per-cell"):
+    with pytest.raises(DefrayError, match="'8/128 each' is not a structure; write"):
         plan.parse_structure("8/128 each")
-    with pytest.raises(DefrayError, match="not a grid"):
+    with pytest.raises(DefrayError, match="not a structure"):
         plan.parse_structure("128")
     with pytest.raises(DefrayError, match="at least one cell"):
         plan.parse_structure("0/8")
@@ -133,7 +136,7 @@ def test_the_product_is_expanded_and_gridless_tracers_run_beside_every_grid(fake
     assert len(specs) == 2 * 2 * 3
     assert {spec.structure.leaf for spec in specs if spec.variant.tracer == "embree"} == {32, 64}
     assert {spec.rays for spec in specs} == {64_000}
-    groups = sweep.shuffled_groups(specs, 1)
+    groups = shuffled_groups(specs, 1)
     order = [group[0].scene for group in groups]
     assert order in ([a, a, b, b] for a, b in (("sponza", "conference"), ("conference", "sponza")))
     assert [len(group) for group in groups] == [3, 3, 3, 3]
@@ -147,7 +150,7 @@ def test_sweeps_on_the_same_rays_each_have_an_embree_of_their_own(fakes, request
     )
     request_.file.write_text(TIER + "[[tiers.small.sweeps]]\n" + second.format("auto"))
     specs = plan.expand(request_.file, "small")
-    groups = [group for group in sweep.shuffled_groups(specs, 1) if group[0].scene == "sponza"]
+    groups = [group for group in shuffled_groups(specs, 1) if group[0].scene == "sponza"]
     assert len(groups) == 3
     for group in groups:
         assert [str(spec.variant) for spec in group].count("embree") == 1
@@ -159,7 +162,7 @@ def test_groups_with_the_same_rays_follow_each_other(fakes, request_):
     request_.file.write_text(TIER.replace('rays = "64k"', 'rays = ["64k", "1k", "2k"]'))
     specs = plan.expand(request_.file, "small")
     for seed in range(5):
-        order = [group[0].workload for group in sweep.shuffled_groups(specs, seed)]
+        order = [group[0].workload for group in shuffled_groups(specs, seed)]
         assert sum(one != two for one, two in itertools.pairwise(order)) == 2 * 3 - 1
 
 
@@ -170,8 +173,8 @@ def test_without_a_tracer_that_walks_no_grid_is_built(fakes):
 
 def test_the_order_is_that_of_the_seed(fakes, request_):
     specs = plan.expand(request_.file, "small")
-    assert sweep.shuffled_groups(specs, 1) == sweep.shuffled_groups(specs, 1)
-    assert len({str(sweep.shuffled_groups(specs, seed)) for seed in range(8)}) > 1
+    assert shuffled_groups(specs, 1) == shuffled_groups(specs, 1)
+    assert len({str(shuffled_groups(specs, seed)) for seed in range(8)}) > 1
 
 
 def test_tiers_include_others_and_runs_stand_once(fakes, tmp_path):
@@ -207,7 +210,7 @@ def test_tiers_include_others_and_runs_stand_once(fakes, tmp_path):
         ("8/32", "8/33", "leaf 33 is not a multiple of top 8"),
         ("64k", "many", "'many' is not a count"),
         ("repetitions = 2", 'kinds = "soft"', "unknown kind of rays 'soft'"),
-        ('grids = ["8/32", "8/64"]', "", "tracer 'deferred' needs a grid"),
+        ('grids = ["8/32", "8/64"]', "", "tracer 'deferred' needs a structure"),
         ("[tiers.small]", "[tiers.small", "tiers.toml: not TOML"),
         ("small", "other", "unknown tier 'small'; known: other"),
     ],
@@ -244,7 +247,7 @@ def test_the_full_tier_has_both_readings_and_embree_beside_what_it_is_compared_w
                 spec for spec in full if spec.structure == plan.parse_structure(grid) and str(spec.variant) == variant
             ]
             assert {spec.scene for spec in runs if spec.kind == "diffuse" and spec.repetitions >= 3} >= scenes
-    for group in sweep.shuffled_groups(full, 1):
+    for group in shuffled_groups(full, 1):
         if any(spec.variant.tracer == "streamed" for spec in group):
             assert "embree" in {spec.variant.tracer for spec in group}, group[0]
     dense = [spec for spec in full if spec.scene == "crown" and spec.rays == 1_000_000 and spec.repetitions == 3]
@@ -345,7 +348,7 @@ def test_an_error_in_one_run_costs_only_that_run(fakes, request_, error):
 def test_an_error_of_the_group_fails_all_its_runs(fakes, request_):
     def no_grid(specs, device, report=None):
         report(SimpleNamespace(spec=None, stage="building grid", done=0.0))
-        if specs[0].grid.leaf == 64:
+        if specs[0].structure.leaf == 64:
             raise DefrayError("grid needs 20 GiB")
         yield from fake_run_group(specs, device, report)
 
@@ -365,7 +368,7 @@ def test_an_unwritable_folder_is_one_line(fakes, request_):
 def test_the_bar_shows_on_a_terminal(fakes, request_, tmp_path):
     with open(tmp_path / "terminal", "w+") as printed:
         console = Console(file=printed, force_terminal=True, width=120)
-        assert sweep.run_sweep(request_, console) == 0
+        assert sweep.run_sweep(request_, console).code == 0
         printed.seek(0)
         text = printed.read()
     assert "left" in text and "12 runs: 12 valid" in text

@@ -22,7 +22,7 @@ SLOW_SWEEP = """
     import pytest
     from test_sweep import fake_run_group, install_fakes
     from pathlib import Path
-    from harness.campaign import runner as sweep
+    from harness.campaign import sweeps as sweep
     from harness.errors import DefrayError
 
     def slow(specs, device, report):
@@ -32,7 +32,7 @@ SLOW_SWEEP = """
 
     install_fakes(pytest.MonkeyPatch(), slow)
     try:
-        sys.exit(sweep.run_sweep(sweep.SweepRequest(Path({file!r}), "small", Path({out!r}), {resume})))
+        sys.exit(sweep.run_sweep(sweep.SweepRequest(Path({file!r}), "small", Path({out!r}), {resume})).code)
     except DefrayError as error:
         sys.exit(f"error: {{error}}")
 """

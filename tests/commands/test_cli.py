@@ -205,7 +205,7 @@ def test_doctor_passes_its_exit_code_on(defray, monkeypatch):
         ("trace sponza --rays 0", "a count must be above zero, not '0'"),
         ("trace sponza --rays many", "'many' is not a count; write 64k, 1M or 1000000"),
         ("trace sponza --structure 8/100", "96 or 104 would do"),
-        ("trace sponza --grid adaptive=2", "'adaptive=2' is not a grid; write"),
+        ("trace sponza --grid adaptive=2", "'adaptive=2' is not a structure; write"),
         ("trace sponza --kind soft", "unknown kind of rays 'soft'; known: ambient-occlusion"),
         ("trace sponza --kind file", "need a ray file"),
         ("trace sponza --ray-file nowhere.npz", "ray file 'nowhere.npz' does not exist"),

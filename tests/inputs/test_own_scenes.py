@@ -152,15 +152,15 @@ def test_trace_says_which_view_was_chosen_and_why(tmp_path, device):
 
     from harness.commands.console import record_table
     from harness.measure.pipeline import run_group
+    from harness.measure.scene import Scenes
     from harness.records.origin import finish
     from harness.spec.run_spec import RunSpec, Variant
 
     np.savez(tmp_path / "room.npz", vertices=room().reshape(-1, 3), faces=np.arange(len(room()) * 3).reshape(-1, 3))
     variant = Variant(tracer="forward", intersector="ray-space")
-    spec = RunSpec(
-        scene=str(tmp_path / "room.npz"), variant=variant, structure=Uniform(2, 8), rays=100, repetitions=1
-    )
-    (_, body), *_ = run_group([spec], device)
+    file = str(tmp_path / "room.npz")
+    spec = RunSpec(scene=file, variant=variant, structure=Uniform(2, 8), rays=100, repetitions=1)
+    (_, body), *_ = run_group([spec], Scenes(device))
     console = Console(width=200, record=True, file=io.StringIO())
     console.print(record_table(finish(body, spec, machine_description(device))))
     assert "inside (inside, a room: " in console.export_text()

@@ -229,11 +229,11 @@ def test_large_rungs_are_announced(monkeypatch, tmp_path):
 
 
 def test_a_rung_beyond_the_devices_memory_is_refused_before_it_is_made(known, monkeypatch):
-    from harness.measure.scene import shared_scene
+    from harness.measure.scene import Scenes
 
     small = Memory("a small device", 10**6, 10**9)
     with pytest.raises(DefrayError, match=r"ball@4 of about 81,920 triangles needs .* a small device has 0\.0 GiB"):
-        shared_scene("ball@4", small)
+        Scenes(small).load("ball@4")
     assert not known
     check_memory("ball", 1000, small)
     with pytest.raises(DefrayError, match="one buffer of a small device"):

@@ -18,7 +18,7 @@ from harness.device.machine import machine_description
 from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
 from harness.measure.pipeline import run_group
-from harness.measure.scene import forget_scenes, shared_scene
+from harness.measure.scene import Scenes
 from harness.records.origin import finish
 from harness.records.record_file import validated
 from harness.reference.check import Checker
@@ -40,8 +40,7 @@ def mesh_file(tmp_path):
     file = tmp_path / "ball.ply"
     ball = icosphere(3)
     trimesh.Trimesh(ball.reshape(-1, 3), np.arange(3 * len(ball)).reshape(-1, 3), process=False).export(file)
-    yield str(file)
-    forget_scenes()
+    return str(file)
 
 
 def specs(mesh_file, variants=VARIANTS, **fields) -> list[RunSpec]:
@@ -52,7 +51,7 @@ def specs(mesh_file, variants=VARIANTS, **fields) -> list[RunSpec]:
 def test_a_group_of_variants_gives_complete_valid_records(device, mesh_file):
     stages = []
     wanted = specs(mesh_file)
-    results = list(run_group(wanted, device, lambda step: stages.append(step.done)))
+    results = list(run_group(wanted, Scenes(device), lambda step: stages.append(step.done)))
     assert [spec.id for spec, _ in results] == [spec.id for spec in wanted]
     for spec, body in results:
         record = validated(finish(body, spec, machine_description(device)), "test")
@@ -66,7 +65,8 @@ def test_a_group_of_variants_gives_complete_valid_records(device, mesh_file):
 
 
 def test_embrees_hierarchy_is_built_once_a_scene(device, mesh_file, monkeypatch):
-    shared_scene(mesh_file, device)  # loading a mesh looks around in it with a hierarchy of its own
+    scenes = Scenes(device)
+    scenes.load(mesh_file)  # loading a mesh looks around in it with a hierarchy of its own
     built = []
     original = EmbreeScene.__init__
     monkeypatch.setattr(
@@ -74,12 +74,12 @@ def test_embrees_hierarchy_is_built_once_a_scene(device, mesh_file, monkeypatch)
     )
     for rays in (2000, 1000):
         for grid in (Uniform(4, 16), Uniform(4, 8)):
-            list(run_group(specs(mesh_file, ("deferred:ray-space", "embree"), rays=rays, grid=grid), device))
+            list(run_group(specs(mesh_file, ("deferred:ray-space", "embree"), rays=rays, grid=grid), scenes))
     assert len(built) == 1
 
 
 def test_stages_are_timed_where_a_tracer_has_them(device, mesh_file):
-    results = {spec.variant.tracer: body for spec, body in run_group(specs(mesh_file), device)}
+    results = {spec.variant.tracer: body for spec, body in run_group(specs(mesh_file), Scenes(device))}
     has = {name: [s for s, values in body["samples"].items() if values] for name, body in results.items()}
     assert has["deferred"] == ["traverse", "arrange", "intersect", "compact", "total"]
     assert has["forward"] == ["total"]
@@ -101,7 +101,7 @@ def test_hits_that_change_between_repetitions_are_caught(device, mesh_file, monk
         return hits
 
     monkeypatch.setattr(kind, "trace", flicker)
-    ((_, body),) = run_group(specs(mesh_file, ["forward:ray-space"], repetitions=3), device)
+    ((_, body),) = run_group(specs(mesh_file, ["forward:ray-space"], repetitions=3), Scenes(device))
     assert not body["valid"] and body["rate"]["total"] is None
     assert "changed their hit" in body["agreement"]["reason"]
 
@@ -116,7 +116,7 @@ def test_tracers_that_disagree_by_one_bit_are_caught(device, mesh_file, monkeypa
         return hits
 
     monkeypatch.setattr(kind, "trace", nudged)
-    results = {spec.variant.tracer: body for spec, body in run_group(specs(mesh_file), device)}
+    results = {spec.variant.tracer: body for spec, body in run_group(specs(mesh_file), Scenes(device))}
     assert not results["deferred"]["valid"]
     assert "1 rays differ from" in results["deferred"]["agreement"]["reason"]
     assert results["forward"]["valid"] and results["brute"]["valid"]
@@ -135,7 +135,7 @@ def test_tracers_that_promise_no_equal_bits_are_not_held_against_each_other(devi
 
     monkeypatch.setattr(kind, "trace", nudged)
     variants = ("deferred:ray-space", "work-optimal:ray-space", f"forward:ray-space:{option}")
-    for _, body in run_group(specs(mesh_file, variants), device):
+    for _, body in run_group(specs(mesh_file, variants), Scenes(device)):
         assert body["valid"], body["agreement"]["reason"]
 
 
@@ -143,7 +143,7 @@ def test_the_run_that_cannot_be_opened_is_named(device, mesh_file):
     good, bad = specs(mesh_file, ["deferred:ray-space", "forward:ray-space:exit=left"])
     steps = []
     with pytest.raises(DefrayError, match="option exit=left of forward"):
-        list(run_group([good, bad], device, steps.append))
+        list(run_group([good, bad], Scenes(device), steps.append))
     assert steps[-1].spec == bad, "a sweep goes on without this run alone"
 
 

@@ -129,6 +129,7 @@ import sys
 for name in {names!r}:
     sys.modules[name] = None  # importing it fails
 import harness.commands.accuracy, harness.commands.coherence, harness.commands.roofline, harness.commands.stability
+import harness.commands.reproduce
 from harness.commands.main import app
 app(["sweep", "sweeps.toml", "--tier", "smoke", "--out", "out"])
 """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
@@ -125,52 +124,3 @@ def test_setup_refuses_an_unknown_argument(tmp_path):
     done = set_up(copy_of_setup(tmp_path), "--with-everything")
     assert done.returncode == 1
     assert "--with-everything" in done.stderr
-
-
-FAKE_DEFRAY = """#!/bin/sh
-echo "$@" >>calls
-if [ "$1" = sweep ]; then mkdir -p out; echo '{{}}' >out/records.jsonl; exit {sweep}; fi
-if [ "$1" = coherence ]; then exit {coherence}; fi
-touch out/report.html; exit {report}
-"""
-
-
-def reproduce(
-    folder: Path, sweep: int = 0, report: int = 0, coherence: int = 0, tier: str = "smoke", **variables: str
-) -> subprocess.CompletedProcess:
-    """Run scripts/reproduce.sh with a fake command that exits with these codes and writes down its calls."""
-    for part in ("scripts", ".venv/bin"):
-        (folder / part).mkdir(parents=True)
-    shutil.copy(ROOT / "scripts/reproduce.sh", folder / "scripts")
-    fake = folder / ".venv/bin/defray"
-    fake.write_text(FAKE_DEFRAY.format(sweep=sweep, report=report, coherence=coherence))
-    fake.chmod(0o755)
-    command = ["bash", "scripts/reproduce.sh", tier, "out"]
-    environment = {**os.environ, **variables}
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-
-
-@pytest.mark.parametrize(
-    ("sweep", "report", "code", "reported"),
-    [(0, 0, 0, True), (1, 0, 1, True), (3, 1, 3, True), (0, 1, 1, True), (130, 0, 130, False)],
-)
-def test_reproduce_reports_failed_checks_and_still_fails(tmp_path, sweep, report, code, reported):
-    """A sweep whose checks failed is reported and fails; one that was interrupted only fails."""
-    done = reproduce(tmp_path, sweep, report)
-    assert done.returncode == code
-    assert ("report: out/report.html" in done.stdout) is reported
-    assert "--tier smoke --out out --resume" in (tmp_path / "calls").read_text()
-
-
-def test_a_machine_that_only_measures_neither_draws_nor_judges(tmp_path):
-    assert reproduce(tmp_path, DEFRAY_REPORT="0").returncode == 0
-    assert [line.split()[0] for line in (tmp_path / "calls").read_text().splitlines()] == [
-        "sweep",
-        "accuracy",
-        "stability",
-    ]
-
-
-def test_what_is_interrupted_is_not_followed_by_more(tmp_path):
-    assert reproduce(tmp_path, coherence=130, tier="paper").returncode == 130
-    assert (tmp_path / "calls").read_text().splitlines()[-1].split()[0] == "coherence"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from types import SimpleNamespace
 
 import made_up_accuracy
 import numpy as np
@@ -11,14 +10,15 @@ import pytest
 from shapes import icosphere
 from typer.testing import CliRunner
 
-from harness.campaign.plan import AccuracyRequest, SceneTask, scene_tasks
-from harness.campaign.runner import run_accuracy, stored_rows
+from harness.campaign.executors import Local
+from harness.campaign.runner import Ledger, run
+from harness.campaign.tasks import AccuracyScene, accuracy_scenes, accuracy_tasks, precision_tasks
 from harness.commands.main import app
 from harness.data import Hits, Rays, Scene, View
 from harness.device.machine import machine_description
 from harness.errors import DefrayError
 from harness.measure.group import scene_facts
-from harness.measure.scene import SharedScene, forget_scenes
+from harness.measure.scene import SharedScene
 from harness.records.accuracy_row import accuracy_file, accuracy_row
 from harness.records.digest import sealed, unsealed
 from harness.records.origin import latest_rows, row_facts
@@ -26,7 +26,14 @@ from harness.records.precision_row import precision_file
 from harness.reference.errors_of_t import distance_rmse, residual_p99
 from harness.spec.structure import Uniform
 from harness.studies import errors_and_leaks as accuracy
-from harness.studies.errors_and_leaks import Contender, Plan, default_contenders, measure_accuracy, parse_contenders
+from harness.studies.errors_and_leaks import (
+    AccuracyStudy,
+    Contender,
+    Plan,
+    default_contenders,
+    measure_accuracy,
+    parse_contenders,
+)
 from harness.studies.needed_precision import SAMPLES
 
 PLAN = Plan(rays=2_000, aimed=4_000, repetitions=2, structure=Uniform(4, 16))
@@ -166,24 +173,30 @@ def test_the_last_row_of_a_measurement_counts(row):
     assert latest_rows([row, again]) == [again]
 
 
+def run_accuracy(scene: AccuracyScene, out, device, resume=True):
+    """`defray accuracy` of one scene, by an executor that has kept nothing from another time."""
+    executor = Local(device)
+    found = run(accuracy_tasks([scene], device), executor, out, resume)
+    more = precision_tasks([scene])
+    return run(more, executor, out, True) if more and not found.code else found
+
+
 def test_a_second_run_needs_resume_and_measures_nothing_again(tmp_path, device, monkeypatch):
-    triangles = icosphere(2)
-    mesh = tmp_path / "ball.npz"
-    np.savez(mesh, vertices=triangles.reshape(-1, 3), faces=np.arange(3 * len(triangles)).reshape(-1, 3))
     contenders = [Contender.parse("deferred:ray-space")]
-    request = AccuracyRequest([SceneTask(str(mesh), PLAN, contenders)], tmp_path, device=device.title)
-    first = run_accuracy(request)
+    scene = AccuracyScene(save_mesh(tmp_path / "ball.npz", icosphere(2)), PLAN, contenders)
+    first = run_accuracy(scene, tmp_path, device, resume=False).rows
+    assert len(first) == 1
     with pytest.raises(DefrayError, match="--resume"):
-        run_accuracy(request)
-    request.resume = True
+        run_accuracy(scene, tmp_path, device, resume=False)
     with monkeypatch.context() as patch:
         patch.setattr(accuracy.AccuracyGroup, "trace", None)
-        assert [unsealed(row, "") for row in run_accuracy(request)] == [unsealed(row, "") for row in first]
+        again = run_accuracy(scene, tmp_path, device).rows
+    assert [unsealed(row, "") for row in again] == [unsealed(row, "") for row in first]
     file = accuracy_file(tmp_path).path
     rows = [unsealed(json.loads(line), "") for line in file.read_text().splitlines()]
     moved = [row | {"machine": row["machine"] | {"device": "another"}} for row in rows]
     file.write_text("".join(json.dumps(sealed(row)) + "\n" for row in moved))
-    run_accuracy(request)  # rows of another device do not stand for this one's
+    run_accuracy(scene, tmp_path, device)  # rows of another device do not stand for this one's
     assert [row["machine"]["device"] for row in accuracy_file(tmp_path).read()] == ["another", device.name]
 
 
@@ -197,16 +210,13 @@ def test_resuming_measures_a_mesh_again_that_has_changed(tmp_path, device, preci
     mesh = save_mesh(tmp_path / "ball.npz", icosphere(2))
     if precision:  # of which a made-up row is enough
         monkeypatch.setattr(
-            "harness.campaign.runner.measure_precision", lambda shared, *_: [precision_row_of(shared.scene)]
+            "harness.studies.needed_precision.measure_precision", lambda shared, *_: [precision_row_of(shared.scene)]
         )
-    part = SceneTask(mesh, PLAN, [Contender.parse("embree")], precision)
-    request = AccuracyRequest([part], tmp_path, resume=True, device=device.title)
-    forget_scenes()
-    run_accuracy(request)
+    scene = AccuracyScene(mesh, PLAN, [Contender.parse("embree")], precision)
+    run_accuracy(scene, tmp_path, device)
     save_mesh(tmp_path / "ball.npz", icosphere(2) * np.float32(1.5))
     for _ in range(2):  # the second time both are on file
-        forget_scenes()
-        found = run_accuracy(request)
+        found = run_accuracy(scene, tmp_path, device).rows
     file = precision_file(tmp_path) if precision else accuracy_file(tmp_path)
     hashes = [row["scene"]["sha256"] for row in file.read()]
     assert len(hashes) == len(set(hashes)) == 2
@@ -219,8 +229,8 @@ def precision_row_of(scene: Scene, samples: int = SAMPLES[-1]) -> dict:
 
 
 def test_precision_that_was_stopped_between_its_rows_is_measured_again(tmp_path, device, monkeypatch):
-    part = SceneTask(save_mesh(tmp_path / "ball.npz", icosphere(2)), PLAN, [Contender.parse("embree")], True)
-    request = AccuracyRequest([part], tmp_path, resume=True, device=device.title)
+    mesh = save_mesh(tmp_path / "ball.npz", icosphere(2))
+    scene = AccuracyScene(mesh, PLAN, [Contender.parse("embree")], True)
     started = []
 
     def stopped_once(shared, *_):
@@ -230,27 +240,32 @@ def test_precision_that_was_stopped_between_its_rows_is_measured_again(tmp_path,
             raise KeyboardInterrupt
         yield precision_row_of(shared.scene, SAMPLES[-1])
 
-    monkeypatch.setattr("harness.campaign.runner.measure_precision", stopped_once)
-    forget_scenes()
-    with pytest.raises(KeyboardInterrupt):
-        run_accuracy(request)
+    monkeypatch.setattr("harness.studies.needed_precision.measure_precision", stopped_once)
+    assert run_accuracy(scene, tmp_path, device).code == 130
     for _ in range(2):  # the second time all are on file
-        run_accuracy(request)
+        assert run_accuracy(scene, tmp_path, device).code == 0
     assert len(started) == 2
     assert [row["value"] for row in precision_file(tmp_path).read()] == ["1", "1", "64"]
 
 
 def test_rows_of_a_stand_in_do_not_stand_for_the_real_scene(row):
     stand_in = row | {"scene": row["scene"] | {"source": "stand-in"}}
-    device = SimpleNamespace(name=row["machine"]["device"])
-    assert len(stored_rows([row, stand_in], device)) == 2
-    assert stored_rows([row], SimpleNamespace(name="another")) == {}
+    (task,) = AccuracyStudy().tasks("ball", [Contender.parse("deferred:ray-space")], PLAN)
+    (part,) = task.parts
+    rows = [one | {"id": part.id} for one in (row, stand_in)]
+    here = row["machine"]["device"]
+    for last in rows:
+        ledger = Ledger(task.study, rows, here)
+        ledger.note(last, "ball")
+        assert ledger.row_of(task, part) == last
+    elsewhere = Ledger(task.study, rows, "another")
+    elsewhere.note(rows[0], "ball")
+    assert elsewhere.missing(task) == [part]
 
 
 def test_what_is_whole_is_stored_before_an_interruption(tmp_path, device, monkeypatch):
-    mesh = save_mesh(tmp_path / "ball.npz", icosphere(2))
     contenders = [Contender.parse(text) for text in ("embree", "embree:robust=false")]
-    request = AccuracyRequest([SceneTask(mesh, PLAN, contenders)], tmp_path, resume=True, device=device.title)
+    scene = AccuracyScene(save_mesh(tmp_path / "ball.npz", icosphere(2)), PLAN, contenders)
     leaks_of = accuracy.AccuracyGroup.leaks_of
 
     def interrupted(self, entry, aimed):
@@ -258,11 +273,31 @@ def test_what_is_whole_is_stored_before_an_interruption(tmp_path, device, monkey
             raise KeyboardInterrupt
         return leaks_of(self, entry, aimed)
 
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patch:
         patch.setattr(accuracy.AccuracyGroup, "leaks_of", interrupted)
-        run_accuracy(request)
+        assert run_accuracy(scene, tmp_path, device).code == 130
     assert [row["variant"] for row in accuracy_file(tmp_path).read()] == ["embree"]
-    assert [row["variant"] for row in run_accuracy(request)] == ["embree", "embree:robust=false"]
+    assert [row["variant"] for row in run_accuracy(scene, tmp_path, device).rows] == ["embree", "embree:robust=false"]
+
+
+def test_a_variant_that_fails_costs_no_other_its_row(tmp_path, device, monkeypatch):
+    contenders = [Contender.parse(text) for text in ("embree", "deferred:ray-space", "embree:robust=false")]
+    scene = AccuracyScene(save_mesh(tmp_path / "ball.npz", icosphere(2)), PLAN, contenders)
+    honest = accuracy.AccuracyGroup.trace
+
+    def breaks(self, entry, rays):
+        if entry.contender == contenders[1]:
+            raise RuntimeError("out of\nresources")
+        return honest(self, entry, rays)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(accuracy.AccuracyGroup, "trace", breaks)
+        found = run_accuracy(scene, tmp_path, device)
+    assert found.code == 1 and [row["variant"] for row in found.rows] == ["embree", "embree:robust=false"]
+    (error,) = [json.loads(line) for line in (tmp_path / "errors.jsonl").read_text().splitlines()]
+    assert error["study"] == "accuracy" and error["run"].endswith("deferred:ray-space")
+    assert error["error"] == "RuntimeError: out of resources"
+    assert len(run_accuracy(scene, tmp_path, device).rows) == 3
 
 
 def test_a_variant_written_in_two_ways_is_measured_once():
@@ -327,7 +362,7 @@ def test_each_mistake_is_one_line(command, message):
 
 @pytest.mark.parametrize("tier", ["smoke", "paper", "full"])
 def test_tiers_name_scenes_and_counts(tier):
-    parts = scene_tasks([], tier, None, None, None)
+    parts = accuracy_scenes([], tier, None, None, None)
     assert parts and all(part.plan.aimed >= 16_000 and part.plan.repetitions >= 2 for part in parts)
-    only = scene_tasks(["sponza"], tier, "1k", None, 4)
+    only = accuracy_scenes(["sponza"], tier, "1k", None, 4)
     assert [(part.scene, part.plan.rays, part.plan.repetitions) for part in only] == [("sponza", 1000, 4)]

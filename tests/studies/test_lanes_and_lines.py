@@ -173,6 +173,10 @@ def test_a_stored_row_reads_back_and_a_wrong_one_is_refused(tmp_path):
     assert done.exit_code == 0 and "forward over deferred-packed" in done.stdout
     (row,) = coherence_file(tmp_path).read()
     assert len(row["counts"]) == 6
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.studies.lanes_and_lines.measure_coherence", None)
+        again = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path), "--resume", "--json"])
+    assert again.exit_code == 0 and json.loads(again.stdout) == [row], "and is not measured again"
     runs = Results([], tmp_path, "any device", read_published())
     numbers = table.select(runs)
     assert list(numbers["lanes"]) == [8] * 3 + [32] * 3 and numbers["forward_trips_over_these"].notna().sum() == 4

@@ -17,7 +17,7 @@ from harness.device.machine import machine_description
 from harness.errors import DefrayError
 from harness.inputs.scenes import load_scene
 from harness.measure.group import scene_facts
-from harness.measure.scene import shared_scene
+from harness.measure.scene import Scenes
 from harness.records.accuracy_row import accuracy_file
 from harness.studies import recommendation as module
 from harness.studies.errors_and_leaks import Contender, Plan, measure_accuracy
@@ -155,7 +155,7 @@ def mesh(tmp_path_factory):
 
 def measured(mesh: str, device, *variants: str) -> list[dict]:
     contenders = [Contender.parse(text) for text in variants]
-    return list(measure_accuracy(shared_scene(mesh, device), contenders, PLAN, device))
+    return list(measure_accuracy(Scenes(device).load(mesh), contenders, PLAN, device))
 
 
 def test_more_rays_show_the_limit_of_a_watertight_variant_and_refute_another(mesh, device):

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from harness import tracers
 from harness.analysis.results import Results, read_published
-from harness.commands import roofline as roofline_command
+from harness.campaign.tasks import ROOFLINE_VARIANTS
 from harness.commands.main import app
 from harness.data import Counters
 from harness.device.program import launch_listeners
@@ -164,7 +164,7 @@ def measured(folder, *more: str):
 def stored(tmp_path_factory):
     """Three variants measured and stored."""
     folder = tmp_path_factory.mktemp("roofline")
-    done = measured(folder, "--variants", f"{roofline_command.VARIANTS},streamed:ray-space")
+    done = measured(folder, "--variants", f"{ROOFLINE_VARIANTS},streamed:ray-space")
     assert done.exit_code == 0, done.output
     assert "intersect_bins" in done.stdout and "fma" in done.stdout
     return folder
@@ -189,6 +189,15 @@ def test_rows_hold_every_kernel_and_the_ceilings(stored):
         "outside stages",
     }
     assert all(len(deferred["ceilings"][name]["samples"]) == 3 * 2 for name in ("memory", "cache", "fma"))
+
+
+def test_resuming_measures_nothing_again(stored, monkeypatch):
+    monkeypatch.setattr("harness.studies.roofline.measured_kernels.measure_roofline", None)
+    before = roofline_file(stored).path.read_bytes()
+    done = measured(stored, "--variants", ROOFLINE_VARIANTS, "--resume", "--json")
+    assert done.exit_code == 0, done.output
+    assert [row["tracer"] for row in json.loads(done.stdout)] == ["deferred", "forward"]
+    assert roofline_file(stored).path.read_bytes() == before
 
 
 def test_a_row_without_a_check_or_with_too_few_times_is_refused(stored):

@@ -24,7 +24,15 @@ from harness.studies.stability import whole_scenes as scenes
 from harness.studies.stability.closed_meshes import closed_mesh, icosphere
 from harness.studies.stability.failures import Judge, merge
 from harness.studies.stability.pairs import Answers, Pairs, PairTester, contracts
-from harness.studies.stability.stress_run import ROW, TRIALS, check_inputs, chosen, generators, run_suite
+from harness.studies.stability.stress_run import (
+    ROW,
+    TRIALS,
+    check_inputs,
+    chosen,
+    generators,
+    measure_family,
+    methods_of,
+)
 
 ROW_ON_FILE = {
     "intersector": "ray-space", "contraction": "off", "family": "A1", "size": "smoke", "rays": 10, "leaks": None,
@@ -37,7 +45,8 @@ ROBUST = ("ray-space", "ray-space-orthonormal", "woop-benthin-wald-kahan")
 @pytest.fixture(scope="module")
 def smoke_rows(device):
     """Every intersector through every family in both modes, at the smoke size."""
-    return list(run_suite(device, chosen("all", device), select(None), "smoke"))
+    methods = methods_of(chosen("all", device))
+    return [row for family in select(None) for row in measure_family(device, family, methods, "smoke")]
 
 
 def metrics_of(device, name, family, mode="off", **defines):
@@ -236,6 +245,13 @@ def test_the_command_prints_json_and_writes_a_file_that_reads_back(tmp_path):
     results = report.read_results(tmp_path)
     assert [row.model_dump() for row in results.rows] == rows
     assert all(rate.tests_per_second.median > 0 for rate in results.kernel_rates)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.studies.stability.suite.measure_family", None)
+        patch.setattr("harness.studies.stability.suite.kernel_rates", None)
+        again = CliRunner().invoke(app, [*arguments, "--resume"])
+        shown = CliRunner().invoke(app, [*arguments[:-1], "--resume"])
+    assert again.exit_code == 0 and json.loads(again.stdout) == rows, "and nothing is measured again"
+    assert shown.exit_code == 0 and "ray-space" in shown.stdout and "self-hits" in shown.stdout
 
 
 def test_a_results_file_of_another_schema_or_with_unknown_keys_is_refused(tmp_path):

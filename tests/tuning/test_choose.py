@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import runpy
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +17,7 @@ from harness.records.run_row import GridFacts
 from harness.spec import intersectors
 from harness.spec.structure import AUTO, Adaptive, parse_structure
 from harness.structures.adaptive import levels_of
+from harness.studies import choice
 from harness.tracers.prepared import Prepared
 from harness.tuning import choose as auto
 from harness.tuning import fit as calibrate
@@ -272,8 +271,7 @@ def test_auto_is_read_from_text_and_from_sweeps(tmp_path):
 
 
 def test_a_validation_with_too_few_rays_to_choose_for_is_one_line(monkeypatch, capsys):
-    script = runpy.run_path(str(Path(__file__).parents[2] / "scripts/validate_auto.py"))
-    monkeypatch.setattr(sys, "argv", ["validate_auto.py", "sponza", "--rays", "10k"])
-    assert script["main"]() == 2
+    monkeypatch.setattr(sys, "argv", ["choice", "sponza", "--rays", "10k"])
+    assert choice.main() == 2
     printed = capsys.readouterr()
     assert printed.out == "" and printed.err == "error: --rays 10k: of fewer than 65,536 nothing is chosen\n"

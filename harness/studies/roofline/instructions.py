@@ -21,25 +21,20 @@ LINE = re.compile(r"^\s*([0-9a-f]+):\s+(\S+)\s*(.*)$")
 ARITHMETIC = re.compile(r"^v?(?:fn?m(?:add|sub)\w*|(?:add|sub|mul|div|min|max)[ps][sd])$")
 # A small scene traced once, so that the runtime compiles the kernel that measurements run.
 RUN = """
-import dataclasses, sys
+import sys
 import numpy as np
-from harness import tracers
 from harness.data import Rays, Scene
 from harness.device.opened import open_device
-from harness.device.stopwatch import Stopwatch
-from harness.spec.intersectors import find
-from harness.spec.structure import GridSpec, Uniform
-from harness import structures
+from harness.spec.structure import Uniform
+from harness.tracers import open_tracer
 from harness.tracers.prepared import Prepared
 device, random = open_device("Portable Computing Language"), np.random.default_rng(1)
 triangles = (random.random((500, 1, 3)) + 0.2 * random.random((500, 3, 3))).astype(np.float32)
-setting = Prepared.on_device(Scene("made up", triangles), device)
-setting = dataclasses.replace(setting, grid=structures.build(prepared.device_scene, Uniform(2, 8)))
+prepared = Prepared.on_device(Scene("made up", triangles), device).with_structure(Uniform(2, 8))
 count = 1 << 18
 rays = Rays(random.random((count, 3), np.float32), random.normal(size=(count, 3)).astype(np.float32),
             np.full(count, np.inf, np.float32))
-options = dict(pair.split("=") for pair in sys.argv[2:])
-tracers.find("deferred")(setting, find(sys.argv[1]), options).trace(rays, Stopwatch(device.queue))
+open_tracer(prepared, ":".join(["deferred", *sys.argv[1:]])).timed(rays)
 """
 
 

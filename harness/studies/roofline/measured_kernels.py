@@ -4,48 +4,99 @@ ceilings. Rows of `roofline.jsonl`."""
 from __future__ import annotations
 
 import dataclasses
+import statistics
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
-from harness import stats
+from harness import stats, tracers
+from harness.device.machine import machine_description
 from harness.device.stopwatch import OUTSIDE, KernelWatch
 from harness.errors import DefrayError
-from harness.measure.group import Group, Run, scene_facts
+from harness.measure.group import Group, Progress, Run, scene_facts
 from harness.measure.interleave import note_hits, warm_up
-from harness.records.origin import identity
-from harness.records.roofline_row import SCHEMA
+from harness.measure.scene import Scenes
+from harness.records.origin import identity, row_facts
+from harness.records.record_file import RecordFile
+from harness.records.roofline_row import SCHEMA, roofline_file
 from harness.reference.check import Agreement
 from harness.spec.run_spec import RunSpec
 from harness.studies.roofline.ceilings import UNITS, Ceilings
 from harness.studies.roofline.kernel_work import Facts, KernelWork, rest_name, walked_rays, work_of
+from harness.studies.study import Part, Step, Study, Task, Tell, guessed_seconds
+
+
+class RooflineStudy(Study):
+    """Time, flops and bytes of every kernel of variants on the device, beside its ceilings."""
+
+    name = "roofline"
+    unit, good = "variants", "valid"
+    bad = "failed the check and have no times"
+
+    def tasks(self, specs: Sequence[RunSpec]) -> list[Task]:
+        """One task: the runs of one scene. Raises DefrayError for a tracer that does not run on the device."""
+        for spec in specs:
+            if not tracers.find(spec.variant.tracer).needs_device:
+                raise DefrayError(f"{spec.variant} has no kernels on a device; leave it out")
+        scene = specs[0].scene
+        parts = tuple(Part(id_of(spec), f"{scene} {spec.variant}", spec) for spec in specs)
+        traced = [(spec.variant, (spec.repetitions + 2) * spec.rays) for spec in specs]
+        return [Task(self, scene, scene, parts, guessed_seconds(scene, traced, specs[0].rays))]
+
+    def file(self, folder: Path, machine: dict) -> RecordFile:
+        """`roofline.jsonl`."""
+        return roofline_file(folder)
+
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+        """The row of each variant."""
+        specs, device = [part.what for part in task.parts], scenes.device
+
+        def told(step: Progress) -> None:
+            tell(Step(id_of(step.spec) if step.spec else None, step.stage, step.done))
+
+        for row in measure_roofline(specs, scenes, told):
+            yield row | row_facts(machine_description(device))
+
+    def passed(self, row: dict) -> bool:
+        """Whether its hits passed the check."""
+        return row["valid"]
+
+    def outcome(self, row: dict) -> str:
+        """Nanoseconds a ray, or none."""
+        if not row["valid"]:
+            return "check failed, no times"
+        return f"{1e9 * statistics.median(row['seconds']) / row['rays']['count']:.0f} ns a ray"
+
+
+def id_of(spec: RunSpec) -> str:
+    """The id of the row of a run."""
+    return identity(spec=spec.model_dump(mode="json"), what="roofline")
 
 
 def measure_roofline(
-    specs: Sequence[RunSpec], device, tell: Callable[[str], None] = lambda _: None
+    specs: Sequence[RunSpec], scenes: Scenes, tell: Callable[[Progress], None] = lambda _: None
 ) -> Iterator[dict]:
     """A row for each spec of one scene, still without command, time and machine; ceilings take turns with the runs.
 
-    Raises DefrayError for a tracer that does not run on the device, and what a group of runs raises.
+    Raises what a group of runs raises.
     """
-    group = Group(specs, device, lambda step: tell(step.stage))
+    group = Group(specs, scenes, tell)
     runs = [group.open_run(spec) for spec in specs]
-    strange = [str(run.spec.variant) for run in runs if not run.tracer.needs_device]
-    if strange:
-        raise DefrayError(f"{strange[0]} has no kernels on a device; leave it out")
     for run in runs:
         warm_up(group, run)
-    ceilings = Ceilings(device)
-    samples, watches = _repeat(group, runs, ceilings, tell)
+    ceilings = Ceilings(group.device)
+    samples, watches = _repeat(group, runs, ceilings)
     for run in runs:
         agreement = group.check(run, runs)
         yield _row(group, run, agreement, watches[run.spec.id], _ceiling_rows(ceilings, samples))
 
 
-def _repeat(group: Group, runs: Sequence[Run], ceilings: Ceilings, tell) -> tuple[list[dict], dict[str, list]]:
+def _repeat(group: Group, runs: Sequence[Run], ceilings: Ceilings) -> tuple[list[dict], dict[str, list]]:
     """Samples of the ceilings and the watches of each run, by its id, repetition by repetition."""
-    samples, repetitions = [], runs[0].spec.repetitions
+    samples = []
     watches: dict[str, list[KernelWatch]] = {run.spec.id: [] for run in runs}
-    for turn, _, run in stats.interleaved(runs, repetitions, group.seed):
-        tell(f"repetition {turn + 1} of {repetitions}")
+    turns = runs[0].spec.repetitions
+    for turn, share, run in stats.interleaved(runs, turns, group.seed):
+        group.tell(run.spec, f"repetition {turn + 1} of {turns}", 0.2 + 0.75 * (turn + share) / turns)
         samples.append(ceilings.measure())
         watch = KernelWatch(group.device.queue)
         note_hits(run, run.tracer.trace(group.rays, watch))
@@ -93,7 +144,7 @@ def _row(group: Group, run: Run, agreement: Agreement, watches: list[KernelWatch
     facts = facts_of(group, run)
     return {
         "schema": SCHEMA,
-        "id": identity(spec=spec.model_dump(mode="json"), what="roofline"),
+        "id": id_of(spec),
         "scene": scene_facts(group.shared.scene),
         "variant": str(spec.variant),
         "tracer": run.tracer.name,

@@ -12,7 +12,6 @@ from harness.reference.check import Checker
 from harness.spec.intersectors import Intersector
 from harness.stats import interleaved, interval
 from harness.studies.stability.closed_meshes import icosphere
-from harness.studies.stability.pairs import MODES
 from harness.tracers import open_tracer
 from harness.tracers.prepared import Prepared
 
@@ -23,12 +22,12 @@ SEED = 12111
 
 def kernel_rates(
     device: Device,
-    intersectors: Sequence[Intersector],
-    progress: Callable[[str, int, int], None] = lambda *_: None,
+    methods: Sequence[tuple[Intersector, str]],
+    tell: Callable[[int | None, str], None] = lambda *_: None,
     rays: int = RAYS,
     repetitions: int = REPETITIONS,
 ) -> list[dict]:
-    """`{intersector, contraction, wrong, tests_per_second: {median, low, high} or None}` of each in both modes.
+    """`{intersector, contraction, wrong, tests_per_second: {median, low, high} or None}` of each in its mode.
 
     `wrong`: rays whose hit differs from the reference; where their check fails there is no rate.
 
@@ -39,14 +38,13 @@ def kernel_rates(
     tests = rays * len(prepared.scene)
     runs, verdicts = {}, {}
     checker = Checker(prepared.scene.triangles, shot)
-    for entry in intersectors:
-        for mode in MODES:
-            progress(f"warming up {entry.name}", len(runs), 2 * len(intersectors))
-            runs[entry.name, mode] = open_tracer(prepared, f"brute:{entry.name}:contraction={mode}")
-            verdicts[entry.name, mode] = checker.check(runs[entry.name, mode].timed(shot)[0])
+    for place, (entry, mode) in enumerate(methods):
+        tell(place, "warming up")
+        runs[entry.name, mode] = open_tracer(prepared, f"brute:{entry.name}:contraction={mode}")
+        verdicts[entry.name, mode] = checker.check(runs[entry.name, mode].timed(shot)[0])
     samples: dict[tuple, list[float]] = {key: [] for key in runs}
     for turn, _, key in interleaved(list(runs), repetitions, SEED):
-        progress(f"repetition {turn + 1}", turn, repetitions)
+        tell(None, f"repetition {turn + 1}")
         samples[key].append(tests / runs[key].timed(shot)[1]["intersect"])
     return [
         {

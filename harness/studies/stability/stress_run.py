@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,15 +22,6 @@ from harness.studies.stability.single_triangle import single_pairs
 ROW = ("intersector", "contraction", "family", "size", "rays", *METRICS, "passed")
 
 
-@dataclass(frozen=True)
-class Step:
-    """Progress: what is being done, and how many of how many tests of a method with a family are done."""
-
-    what: str
-    done: int
-    total: int
-
-
 def chosen(name: str, device: Device) -> list[Intersector]:
     """Intersectors by name, `default` or `all`; `all` leaves out those that need doubles the device lacks."""
     if name == "all":
@@ -39,30 +29,31 @@ def chosen(name: str, device: Device) -> list[Intersector]:
     return [find(DEFAULT if name == "default" else name)]
 
 
-def run_suite(
-    device: Device,
-    intersectors: Sequence[Intersector],
-    families: Sequence[Family],
-    size: str = "full",
-    progress: Callable[[Step], None] = lambda _: None,
-) -> Iterator[dict]:
-    """Yield one row a family, intersector and contraction mode, with the keys of ROW.
+def methods_of(intersectors: Sequence[Intersector]) -> list[tuple[Intersector, str]]:
+    """Each of `intersectors` in both contraction modes."""
+    return [(entry, mode) for entry in intersectors for mode in MODES]
 
-    `size`: `full` or `smoke`. Raises DefrayError where inputs are not the bits that the suite froze.
+
+def measure_family(
+    device: Device,
+    family: Family,
+    methods: Sequence[tuple[Intersector, str]],
+    size: str = "full",
+    tell: Callable[[int | None, str], None] = lambda *_: None,
+) -> Iterator[dict]:
+    """Yield one row an intersector and contraction mode, with the keys of ROW.
+
+    `size`: `full` or `smoke`. `tell` is given the place of a method, None for all of them, and what is being done.
+    Raises DefrayError where inputs are not the bits that the suite froze.
     """
-    methods = [(entry, mode) for entry in intersectors for mode in MODES]
-    total, done = len(methods) * len(families), 0
-    for family in families:
-        progress(Step(f"{family.id}: making inputs", done, total))
-        trial = TRIALS[family.kind](device, family, size)
-        check_inputs(family, size, trial.digest)
-        for entry, mode in methods:
-            progress(Step(f"{family.id}: {entry.name}, contraction {mode}", done, total))
-            metrics = merge(trial.measure(entry, mode))
-            done += 1
-            named = {"intersector": entry.name, "contraction": mode, "family": family.id, "size": size}
-            yield named | metrics | {"passed": family.passes(metrics)}
-    progress(Step("done", total, total))
+    tell(None, "making inputs")
+    trial = TRIALS[family.kind](device, family, size)
+    check_inputs(family, size, trial.digest)
+    for place, (entry, mode) in enumerate(methods):
+        tell(place, "measuring")
+        metrics = merge(trial.measure(entry, mode))
+        named = {"intersector": entry.name, "contraction": mode, "family": family.id, "size": size}
+        yield named | metrics | {"passed": family.passes(metrics)}
 
 
 def check_inputs(family: Family, size: str, digest: str) -> None:

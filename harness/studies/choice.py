@@ -1,6 +1,6 @@
-"""How good `--grid auto` is: its rate over the best of a sweep of resolutions, its memory, its time to choose.
+"""How good `--structure auto` is: its rate over the best of a sweep of resolutions, its memory, its time to choose.
 
-    python scripts/validate_auto.py crown dragon sibenik --rays 1M --rounds 3
+    python -m harness.studies.choice crown dragon sibenik --rays 1M --rounds 3
 
 Per scene it chooses, then times every resolution of a sweep, of one tracer, with the chosen wave and two others, each
 beside the chosen setting; then the best of them and the chosen one again, repetitions in turn, which gives the ratios
@@ -13,9 +13,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
@@ -51,7 +48,7 @@ HEADER = (
 
 def main() -> int:
     """Print one row of a Markdown table a scene."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m harness.studies.choice", description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="+")
     parser.add_argument("--rays", default="1M")
     parser.add_argument("--tracer", choices=auto.DEFERRED, default="deferred")
