@@ -215,7 +215,7 @@ METHODS = (
 
 
 def origin_rows(origin: dict) -> list[tuple[str, str]]:
-    """A sidecar as facts for the page; the records stand in the file."""
+    """An origin, as `entry_origin` makes it, as facts for the page; the records stand in its file."""
     files = sorted({record["file"] for record in origin["records"]} | set(origin["files"]))
     return [
         ("id", origin["id"]),

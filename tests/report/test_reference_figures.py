@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from harness.records.digest import digest_of
-from harness.report.page import contents
 
 REFERENCE = Path(__file__).parents[2] / "results" / "reference"
 FOLDERS = sorted(path.parent for path in REFERENCE.glob("*/records.jsonl"))
@@ -83,18 +82,6 @@ def test_every_committed_id_resolves_to_records_on_file(folder):
         assert re.search(rf"<!-- {origin['name']} {origin['id']} -->", path.read_text()), stem
         assert origin["records"] or origin["files"], stem
         assert all((one["file"], one["id"], one["digest"]) in digests for one in origin["records"]), stem
-
-
-def test_one_target_a_figure():
-    makefile = (REFERENCE.parents[1] / "Makefile").read_text()
-    for label in filter(None, (entry.label for entry in contents())):
-        assert re.search(rf"(^|[ ,]){label.removeprefix('fig')}\b", makefile.split("FIGURES :=")[1].split("\n")[0])
-
-
-def test_the_guide_names_every_figure_by_its_target():
-    guide = (REFERENCE.parents[1] / "docs" / "reproducing.md").read_text()
-    rows = dict(re.findall(r"^\| `(fig\d\d)` \| `(\w+)`", guide, re.MULTILINE))
-    assert rows == {entry.label: entry.name for entry in contents() if entry.number}
 
 
 def test_what_drawing_knows_without_opencl_is_what_measuring_says():

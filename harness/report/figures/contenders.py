@@ -107,5 +107,5 @@ def accuracy_table(runs: Results) -> pd.DataFrame:
 
 def marks(row, solid: bool) -> dict:
     """How one point looks: colour by tracer, marker by family, faded where it is dominated."""
-    colour, _ = style.of_tracer(row.tracer)
+    colour, _ = style.tracer_look(row.tracer)
     return {"color": colour, "marker": family_of(row.intersector)[0], "alpha": 1.0 if solid else 0.3}

@@ -12,16 +12,12 @@ from matplotlib.lines import Line2D
 
 from harness.analysis.ratios import rays_note
 from harness.analysis.results import Results
-from harness.report.figures import TOGETHER, style
+from harness.report.entry import Figure, Machines
 from harness.report.figures import chart as charts
+from harness.report.figures import style
 from harness.report.figures.contenders import accuracy_table, family_of, marks
 from harness.report.figures.metrics import METRICS, frontier
 
-ORDER = 90
-SECTION = "Speed against accuracy"
-TITLE = "Whole trace against leaks of rays aimed at edges and vertices"
-NEEDS = "rows of 'defray accuracy'"
-MACHINES = TOGETHER
 X, Y = "leak_rate", "rate"
 DEFAULT = "deferred:ray-space"  # what `check_variant` makes of the bare deferred tracer
 LINE = 7.4  # points from one line of a name to the next
@@ -285,7 +281,7 @@ def _panel(axis, scene: pd.DataFrame, beside: pd.DataFrame, numbers: pd.DataFram
     axis.grid()
     _line(axis, scene[scene["on_frontier"]], style.RULE, 4.5)
     for tracer, rows in scene.groupby("tracer", sort=False):
-        _line(axis, rows[rows["on_own_frontier"]], style.of_tracer(tracer)[0], 1.0)
+        _line(axis, rows[rows["on_own_frontier"]], style.tracer_look(tracer)[0], 1.0)
     for row in scene.sort_values(["on_own_frontier", "default"]).itertuples():
         _point(axis, row)
     _names(axis, named(scene), scene, line)
@@ -350,7 +346,7 @@ def _names(axis, rows: pd.DataFrame, scene: pd.DataFrame, line: float) -> None:
     gaps = [(one + two) / 2 for one, two in itertools.pairwise(sizes)]
     heights = style.spread([y for _, y in points], gaps, sizes[0] / 2, 1 - sizes[-1] / 2) if sizes else []
     for row, (x, y), height, text, size in zip(rows.itertuples(), points, heights, texts, sizes, strict=True):
-        colour = style.of_tracer(row.tracer)[0]
+        colour = style.tracer_look(row.tracer)[0]
         right = x + 0.08 + letter * max(map(len, text.splitlines()))
         covered = (every[:, 0] > x + 0.02) & (every[:, 0] < right) & (abs(every[:, 1] - height) < size / 2 + line / 2)
         place = (every[:, 0].max() if covered.any() else x) + 0.055
@@ -371,10 +367,24 @@ def _names(axis, rows: pd.DataFrame, scene: pd.DataFrame, line: float) -> None:
 def legend_of(numbers: pd.DataFrame) -> list[Line2D]:
     """A patch of colour for each tracer and a mark for each family of intersectors."""
     colours = [
-        Line2D([], [], color=style.of_tracer(name)[0], linewidth=3, label=name)
+        Line2D([], [], color=style.tracer_look(name)[0], linewidth=3, label=name)
         for name in dict.fromkeys(numbers["tracer"])
     ]
     families = dict.fromkeys(family_of(name) for name in numbers["intersector"])
     return colours + [
         Line2D([], [], color=style.MUTED, marker=marker, linestyle="none", label=title) for marker, title in families
     ]
+
+
+FIGURE = Figure(
+    name="speed_accuracy",
+    section="Speed against accuracy",
+    title="Whole trace against leaks of rays aimed at edges and vertices",
+    needs="rows of 'defray accuracy'",
+    machines=Machines.TOGETHER,
+    select=select,
+    caption=caption,
+    draw=draw,
+    chart=chart,
+    chart_together=chart_together,
+)

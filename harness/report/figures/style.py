@@ -188,24 +188,24 @@ def marked(figure: Figure, mark: str):
         text.remove()
 
 
-def of_intersector(name: str | None, number: int = 0) -> tuple[str, str]:
+def intersector_look(name: str | None, number: int = 0) -> tuple[str, str]:
     """Colour and marker of an intersector; unknown ones take spare pairs in turn."""
     if name in INTERSECTOR_COLOURS:
         return INTERSECTOR_COLOURS[name], INTERSECTOR_MARKERS[name]
     return SPARE[number % len(SPARE)]
 
 
-def of_tracer(name: str) -> tuple[str, str]:
+def tracer_look(name: str) -> tuple[str, str]:
     """Colour and marker of a tracer."""
     return TRACER_COLOURS.get(name, PINK), TRACER_MARKERS.get(name, "P")
 
 
-def kept(colour: str) -> str:
+def fixed_colour(colour: str) -> str:
     """A colour that a dark page does not replace, and that nobody can tell from this one."""
     return f"#{int(colour[1:], 16) ^ 1:06x}"
 
 
-def of_machine(number: int) -> tuple[str, str]:
+def machine_look(number: int) -> tuple[str, str]:
     """Colour and marker of a report's machine, counted from 0."""
     return MACHINE_LOOKS[number % len(MACHINE_LOOKS)][:2]
 

@@ -8,12 +8,9 @@ from matplotlib.ticker import StrMethodFormatter
 from harness.analysis.names import SAME_WORK
 from harness.analysis.ratios import stage_nanoseconds
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 
-ORDER = 73
-SECTION = "Time by stage"
-TITLE = "Waves and compaction"
-NEEDS = "diffuse runs of the deferred tracer that differ in `wave` or `compaction` alone"
 STAGES = ("traverse", "arrange", "intersect", "compact", "other")
 USUAL = "4"  # the deferred tracer's wave; its module needs OpenCL
 WITHOUT = "no compaction"
@@ -150,3 +147,14 @@ def _ticks(axis, scene: pd.DataFrame) -> None:
     axis.tick_params(axis="x", length=0, labelsize=6.5)
     axis.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axis.grid(axis="y")
+
+
+FIGURE = Figure(
+    name="waves",
+    section="Time by stage",
+    title="Waves and compaction",
+    needs="diffuse runs of the deferred tracer that differ in `wave` or `compaction` alone",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

@@ -8,13 +8,10 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from harness.analysis.ratios import megarays
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.report.figures.metrics import METRICS
 
-ORDER = 94
-SECTION = "Speed against accuracy"
-TITLE = "When less is enough"
-NEEDS = "precision.jsonl, which 'defray accuracy --precision' writes"
 COLOURS = (style.BLUE, style.RED, style.GREEN, style.PINK, style.ORANGE)
 MARKERS = {"grid": "o", "precision": "D"}
 FLOOR = 1e-9  # an error of nothing has no place on a logarithmic axis, so less is drawn here
@@ -171,3 +168,14 @@ def _noise(axis, numbers: pd.DataFrame, scenes: list[str]) -> None:
                 color=colour,
             )
     style.log_axis(axis.yaxis, *axis.get_ylim())
+
+
+FIGURE = Figure(
+    name="precision",
+    section="Speed against accuracy",
+    title="When less is enough",
+    needs="precision.jsonl, which 'defray accuracy --precision' writes",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

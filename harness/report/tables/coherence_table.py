@@ -6,15 +6,9 @@ import pandas as pd
 
 from harness.analysis.results import Results
 from harness.records.coherence_row import Coherence, predicted_ratios
-from harness.report.figures import SHARED
-from harness.report.figures.kernels import grid_name, place_of
+from harness.report.entry import Machines, Table
+from harness.report.figures.kernel_rows import grid_name, place_of
 from harness.stats import ratio
-
-ORDER = 91
-SECTION = "Correctness and work"
-TITLE = "Coherence of rays in vectors"
-NEEDS = "rows of 'defray coherence'"
-MACHINES = SHARED
 
 
 def select(runs: Results) -> pd.DataFrame:
@@ -96,3 +90,14 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
             f"one's: {'; '.join(measured)}."
         )
     return text
+
+
+TABLE = Table(
+    name="coherence",
+    section="Correctness and work",
+    title="Coherence of rays in vectors",
+    needs="rows of 'defray coherence'",
+    machines=Machines.SHARED,
+    select=select,
+    caption=caption,
+)
