@@ -18,6 +18,19 @@ from harness.errors import DefrayError
 ROOT = Path(__file__).resolve().parent.parent  # of the checkout
 
 
+def extra_folders(kind: str) -> list[Path]:
+    """Folders of one kind, `tracers`, `structures` or `kernels`: the checkout's own, then each that is in a folder of
+    DEFRAY_EXTRA, a list as PATH is one. Raises DefrayError where that names something else than a folder."""
+    found = [ROOT / kind if kind == "kernels" else ROOT / "harness" / kind]
+    for text in filter(None, os.environ.get("DEFRAY_EXTRA", "").split(os.pathsep)):
+        folder = Path(text).resolve()
+        if not folder.is_dir():
+            raise DefrayError(f"DEFRAY_EXTRA names {text}, which is no folder")
+        if (folder / kind).is_dir():
+            found.append(folder / kind)
+    return found
+
+
 def cache_folder() -> Path:
     """DEFRAY_CACHE, else the user's cache folder; it need not exist."""
     return Path(os.environ.get("DEFRAY_CACHE") or user_cache_dir("defray"))

@@ -30,6 +30,7 @@ from harness.measure.scene import SharedScene
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant, parse_count
 from harness.spec.structure import GridSpec
+from harness.spec.tracers import tracer_facts
 from harness.structures import build_grid
 from harness.tuning import choose as auto
 from harness.tuning import fit as calibrate
@@ -143,7 +144,7 @@ def best_of_sweep(shared: SharedScene, rays, arguments, chosen: Contestant) -> t
             continue
         usual = grid.bytes if spec == GridSpec(8, 128) else usual
         for wave in (chosen.wave, *(wave for wave in WAVES if wave != chosen.wave)):
-            options = {**calibrate.FAST, **wave} if tracer == "deferred" else wave
+            options = {**tracer_facts(tracer).fast_options, **wave}
             one = Contestant(shared, grid, tracer, options, rays, str(spec))
             if differing(one.hits, chosen.hits):
                 raise DefrayError(f"{shared.scene.name}: hits of {one.name} differ from those of {chosen.name}")

@@ -22,6 +22,7 @@ from rich.progress import (
 from rich.text import Text
 
 from harness.spec.run_spec import RunSpec
+from harness.spec.tracers import listed_tracers, tracer_facts
 
 
 class SceneProgress:
@@ -64,9 +65,6 @@ def scene_progress(console, scenes: int):
 
 
 UNKNOWN_SCENE = 1_000_000  # triangles assumed of a scene that is not listed
-# First guess, seconds a ray in a scene of 300,000 triangles on two CPU cores; measured groups correct it.
-RAY_SECONDS = {"deferred": 3.0e-6, "forward": 5.0e-6, "work-optimal": 5.0e-6, "embree": 0.5e-6}
-BRUTE_TEST_SECONDS = 1.0e-9  # one ray against one triangle
 TRIANGLE_SECONDS = 4.0e-6  # loading a scene, building its grid and the reference's tree, per triangle
 CHECK_SECONDS = 1.5e-6  # making a ray and checking its hit
 
@@ -86,15 +84,12 @@ def run_name(spec: RunSpec) -> str:
 
 def guessed_seconds(spec: RunSpec, triangles: int) -> float:
     """A first guess at the seconds of one run's repetitions, its warm-up and its check."""
-    tracer = spec.variant.tracer
-    if tracer == "brute":
-        per_ray = triangles * BRUTE_TEST_SECONDS
-    else:
-        # A fixed grid gets more triangles a cell as scenes grow; a tree's depth hardly does.
-        growth = 0.15 if tracer == "embree" else 0.5
-        per_ray = RAY_SECONDS.get(tracer, 2.0e-6) * (triangles / 300_000) ** growth
-        if spec.grid and spec.grid.reading not in ("adaptive", "auto") and tracer != "embree":
-            per_ray *= max(128 / spec.grid.resolution, 0.5)
+    tracer = listed_tracers().get(spec.variant.tracer)
+    facts = tracer_facts(spec.variant.tracer)
+    per_ray = facts.ray_seconds * (triangles / 300_000) ** facts.growth
+    walks = tracer is None or tracer.needs_grid
+    if walks and spec.grid and spec.grid.reading not in ("adaptive", "auto"):
+        per_ray *= max(128 / spec.grid.resolution, 0.5)
     return 0.5 + spec.rays * ((spec.repetitions + 2) * per_ray + CHECK_SECONDS)
 
 

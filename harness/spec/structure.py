@@ -9,6 +9,8 @@ from typing import Any
 
 from harness.errors import DefrayError, known
 
+# Tests whether a triangle overlaps a cell; the first loses no ray. The order is that of the kernels' numbers.
+OVERLAPS = ("padded", "closed", "open", "box")
 ADAPTIVE_LEAF = 16  # leaf cells per axis that a top cell of an adaptive grid has at most, unless said otherwise
 
 

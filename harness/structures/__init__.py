@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from harness.errors import known
-from harness.spec.structure import GridSpec, check_grid
+from harness.spec.structure import OVERLAPS, GridSpec, check_grid
 from harness.structures.adaptive import build_adaptive
-from harness.structures.base import OVERLAPS, DeviceScene, Grid
+from harness.structures.base import DeviceScene, Grid
 from harness.structures.uniform import build_uniform
 
 

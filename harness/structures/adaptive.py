@@ -16,9 +16,8 @@ from harness.device.primitives import number_scan, offsets
 from harness.device.program import build
 from harness.device.runtime import cl
 from harness.errors import DefrayError
-from harness.spec.structure import MOST_ADAPTIVE_TOP, GridSpec
+from harness.spec.structure import MOST_ADAPTIVE_TOP, OVERLAPS, GridSpec
 from harness.structures.base import (
-    OVERLAPS,
     DeviceScene,
     Grid,
     divided_bounds,

@@ -17,12 +17,6 @@ from harness.spec.intersectors import Intersector
 from harness.spec.structure import GridSpec
 
 PAD_ULP = 32  # triangle-box overlap is tested with cells grown by this many float32 ulp of the largest extent
-OVERLAPS = (
-    "padded",
-    "closed",
-    "open",
-    "box",
-)  # overlap tests; the order is that of kernels/structures/uniform_build.cl
 MARGIN = 2.0**-8  # the grid is larger than the scene by this part of its largest extent, on every side
 
 

@@ -12,9 +12,8 @@ from harness.device.primitives import exclusive_scan, rank_scan
 from harness.device.program import Program, build
 from harness.device.runtime import cl
 from harness.errors import DefrayError
-from harness.spec.structure import GridSpec
+from harness.spec.structure import OVERLAPS, GridSpec
 from harness.structures.base import (
-    OVERLAPS,
     DeviceScene,
     Grid,
     divided_bounds,

@@ -26,9 +26,8 @@ from harness.reference.check import Agreement
 from harness.reference.errors_of_t import diagonal_of, distance_rmse, residual_p99
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import GridSpec
+from harness.spec.structure import OVERLAPS, GridSpec
 from harness.structures import build_grid
-from harness.structures.base import OVERLAPS
 from harness.tracers import check_variant, needs_grid
 from harness.tracers.base import Tracer
 from harness.tracers.forward import EXITS

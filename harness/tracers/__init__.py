@@ -1,38 +1,52 @@
-"""Tracers: one end-to-end strategy a file (or a folder with a file `tracer.py`), found by listing this folder."""
+"""Tracers: one end-to-end strategy a file, or a folder with a file `tracer.py`, found by listing folders.
+
+The folders are this one, and `tracers` in each that DEFRAY_EXTRA names.
+"""
 
 from __future__ import annotations
 
 import functools
-import importlib
-import pkgutil
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
 
 from harness.errors import DefrayError, known
 from harness.spec import intersectors
 from harness.spec.run_spec import Variant
-from harness.tracers.base import parse_options
-
-
-@functools.cache
-def _classes() -> dict:
-    found = {}
-    for entry in pkgutil.iter_modules(__path__):
-        module = importlib.import_module(f"{__name__}.{entry.name}" + (".tracer" if entry.ispkg else ""))
-        tracer = getattr(module, "TRACER", None)
-        if tracer:
-            found[tracer.name] = tracer
-    return found
+from harness.spec.tracers import listed_tracers
+from harness.tracers.base import Tracer, parse_options
 
 
 def names() -> list[str]:
     """Names of all tracers."""
-    return sorted(_classes())
+    return sorted(listed_tracers())
 
 
-def find(name: str):
-    """The tracer class called `name`; raises DefrayError listing the known ones."""
-    if name not in _classes():
+def find(name: str) -> type[Tracer]:
+    """The tracer class called `name`; raises DefrayError listing the known ones, or for a file that fails to load."""
+    listed = listed_tracers()
+    if name not in listed:
         raise known("tracer", name, names())
-    return _classes()[name]
+    return _load(listed[name].file).TRACER
+
+
+@functools.cache
+def _load(file: Path) -> ModuleType:
+    """A tracer's file, imported: one of this folder as a module of it, another by its path."""
+    own = Path(__file__).parent
+    if file.is_relative_to(own):
+        return importlib.import_module(".".join((__name__, *file.relative_to(own).with_suffix("").parts)))
+    name = file.stem if file.stem != "tracer" else file.parent.name
+    specification = importlib.util.spec_from_file_location(f"extra_tracer_{name}", file)
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[specification.name] = module  # where dataclasses and pydantic look for it
+    try:
+        specification.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[specification.name]
+        raise DefrayError(f"cannot load {file}: {type(error).__name__}: {error}") from error
+    return module
 
 
 def check_variant(variant: Variant) -> Variant:

@@ -7,6 +7,7 @@ import numpy as np
 from harness.data import Counters, Rays
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
+from harness.spec.tracers import TracerFacts
 from harness.tracers.base import DeviceTracer
 from harness.tracers.batch import Batch
 
@@ -52,3 +53,12 @@ class Brute(DeviceTracer):
 
 
 TRACER = Brute
+FACTS = TracerFacts(
+    order=5,
+    colour="grey",
+    marker="v",
+    kernels={"intersect_all": "brute force"},
+    test_kernels=("intersect_all",),
+    ray_seconds=3.0e-4,
+    growth=1.0,
+)

@@ -10,6 +10,7 @@ from pydantic import Field
 from harness.data import Counters, Hits, Rays
 from harness.device.stopwatch import Stopwatch
 from harness.reference.embree_scene import EmbreeScene
+from harness.spec.tracers import TracerFacts
 from harness.tracers.base import Options, Tracer
 
 
@@ -53,3 +54,10 @@ class Embree(Tracer):
 
 
 TRACER = Embree
+FACTS = TracerFacts(
+    order=6,
+    colour="green",
+    marker="^",
+    ray_seconds=0.5e-6,
+    growth=0.15,  # a tree's depth hardly grows with the scene
+)

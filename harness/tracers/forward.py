@@ -9,6 +9,7 @@ from pydantic import Field
 
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
+from harness.spec.tracers import TracerFacts
 from harness.tracers.base import DeviceOptions, DeviceTracer
 from harness.tracers.batch import Batch
 
@@ -47,3 +48,13 @@ class Forward(DeviceTracer):
 
 
 TRACER = Forward
+FACTS = TracerFacts(
+    order=4,
+    colour="red",
+    marker="s",
+    kernels={"trace_forward": "forward"},
+    test_kernels=("trace_forward",),
+    ray_seconds=5.0e-6,
+    terms={"rest": ("one", "steps", "pairs", "tests")},
+    fitted_rays=65_536,
+)

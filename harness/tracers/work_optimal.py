@@ -8,6 +8,7 @@ from harness.data import Hits, Rays
 from harness.device.primitives import exclusive_scan
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
+from harness.spec.tracers import TracerFacts
 from harness.tracers.base import DeviceTracer
 from harness.tracers.batch import Batch
 
@@ -70,3 +71,11 @@ class WorkOptimal(DeviceTracer):
 
 
 TRACER = WorkOptimal
+FACTS = TracerFacts(
+    order=3,
+    colour="orange",
+    marker="D",
+    kernels={"intersect_visited": "work-optimal"},
+    test_kernels=("intersect_visited",),
+    ray_seconds=5.0e-6,
+)

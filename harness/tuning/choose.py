@@ -16,13 +16,14 @@ from harness import tracers
 from harness.data import Rays
 from harness.spec.intersectors import Intersector
 from harness.spec.structure import ADAPTIVE_LEAF, GridSpec
+from harness.spec.tracers import listed_tracers, tracer_facts
 from harness.structures import build_grid
 from harness.structures.adaptive import DENSITY, AdaptiveGrid, levels_of, table_bytes
 from harness.structures.base import Grid
 from harness.tracers.base import DeviceTracer
 from harness.tracers.prepared import Prepared
 from harness.tuning.cost_model import CostModel
-from harness.tuning.fit import FAST, cost_models
+from harness.tuning.fit import cost_models
 from harness.tuning.sampling import (
     Chances,
     RayWork,
@@ -70,7 +71,7 @@ class Candidate:
         if not self.wave:
             return {}
         chosen = {"wave": str(self.wave), "growth": str(self.growth), "batch": str(self.batch)}
-        return {**FAST, **chosen} if self.tracer == "deferred" else chosen
+        return {**tracer_facts(self.tracer).fast_options, **chosen}
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +117,8 @@ def choose(
     if len(rays) < FEW_RAYS:
         why = f"density {DENSITY:g}, the default: {len(rays):,} rays are too few for choosing to pay"
         grid = build_grid(setting.device_scene, spec_of(DENSITY))
-        return Choice(grid, {"deferred": FAST}, why, 0.0, 0.0)
+        fast = {name: dict(one.facts.fast_options) for name, one in listed_tracers().items()}
+        return Choice(grid, fast, why, 0.0, 0.0)
     family, given = tracer if tracer in DEFERRED else "forward", given or {}
     trial = build_grid(setting.device_scene, spec_of(TRIAL))
     models = cost_models(setting.device, family, intersector, tell)

@@ -19,6 +19,7 @@ from harness.inputs.rays import make_rays
 from harness.inputs.scenes import stand_in_scene
 from harness.spec.intersectors import KERNELS, Intersector
 from harness.spec.structure import GridSpec
+from harness.spec.tracers import tracer_facts
 from harness.structures import adaptive, build_grid
 from harness.structures.adaptive import AdaptiveGrid
 from harness.tracers.base import DeviceTracer
@@ -40,15 +41,7 @@ from scenes import recipes
 # As stand-ins, which are at hand everywhere; the crown's triangles do not fit a cache.
 SCENES = ("sponza", "conference", "crown")
 DENSITIES = (0.075, 0.3, 1.2)
-# Deferred, of fewer rays more of the time goes into reading triangles for the first time.
-RAYS = {"deferred": 1 << 20, "streamed": 1 << 20, "forward": 1 << 16}
 REPETITIONS = 2
-FAST = {"arrange": "record", "pairs": "copy"}  # deferred options that the model is fitted with
-SETTINGS = {
-    "deferred": [{**FAST, "wave": "2"}, {**FAST, "wave": "8", "growth": "2"}],
-    "streamed": [{"wave": "2"}, {"wave": "8", "growth": "2"}],
-    "forward": [{}],
-}
 FORM = 5  # of the file
 
 
@@ -68,7 +61,7 @@ def cost_models(
         return {name: CostModel.model_validate_json(text) for name, text in texts.items()}
     if tell:
         tell(f"fitting the cost model of {' and '.join(fitted)} with {intersector.name} to the device, once; minutes")
-    runs = measured_runs(device, fitted, intersector, _fitting_scenes(RAYS[tracer]))
+    runs = measured_runs(device, fitted, intersector, _fitting_scenes(tracer_facts(tracer).fitted_rays))
     models = {name: fit(name, [run for run in runs if run.tracer == name]) for name in fitted}
     for name, model in models.items():
         _keep(model, model_file(device, name, intersector))
@@ -95,6 +88,12 @@ def model_file(device: Device, tracer: str, intersector: Intersector) -> Path:
     """Where the model is kept: another driver, number of cores or kernel source is another file."""
     known = (FORM, device.platform, device.name, device.version, device.driver, device.compute_units)
     return cache_folder() / f"cost-{tracer}-{intersector.name}-{_digest(*known, kernels_digest())}.json"
+
+
+def fitted_settings(tracer: str) -> list[dict[str, str]]:
+    """Options of each run that a tracer's model is fitted to."""
+    facts = tracer_facts(tracer)
+    return [{**facts.fast_options, **options} for options in facts.fitted_options]
 
 
 def _digest(*parts) -> str:
@@ -136,7 +135,7 @@ def stopwatch(device: Device) -> Stopwatch:
 
 
 def _on_grid(setting: Prepared, fitted: Sequence[str], intersector: Intersector, rays: Rays) -> list[TimedRun]:
-    made = [tracers.find(name)(setting, intersector, options) for name in fitted for options in SETTINGS[name]]
+    made = [tracers.find(name)(setting, intersector, options) for name in fitted for options in fitted_settings(name)]
     for one in made:
         one.trace(rays, stopwatch(setting.device))
     times: list[list[dict]] = [[] for _ in made]

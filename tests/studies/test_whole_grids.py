@@ -14,9 +14,9 @@ from harness.device.runtime import cl
 from harness.errors import DefrayError
 from harness.spec.intersectors import INTERSECTORS
 from harness.spec.run_spec import Variant
-from harness.spec.structure import GridSpec
+from harness.spec.structure import OVERLAPS, GridSpec
 from harness.structures import build_grid
-from harness.structures.base import OVERLAPS, upload_scene
+from harness.structures.base import upload_scene
 from harness.structures.uniform import pad_cells
 from harness.studies.stability import walks
 from harness.studies.stability import whole_grids as whole

@@ -10,7 +10,7 @@ from harness.analysis.ratios import rays_note
 from harness.analysis.results import Results
 from harness.report.entry import Figure
 from harness.report.figures import style
-from harness.report.figures.kernel_rows import kernel_table
+from harness.report.figures.kernel_rows import kernel_table, testing_kernels
 
 STAYS = ("between kernels", "outside stages")
 MARKS = (
@@ -32,7 +32,7 @@ def select(runs: Results) -> pd.DataFrame:
     if table.empty:
         return table
     table = table[table["bytes_per_ray"].notna() & ~table["kernel"].isin(STAYS)].copy()
-    tests = table["kernel"].isin(("intersect", "streamed", "forward", "work-optimal")) & (table["intersector"] != "")
+    tests = table["kernel"].isin(testing_kernels()) & (table["intersector"] != "")
     table["point"] = np.where(tests, table["kernel"] + ", " + table["intersector"], table["kernel"])
     table["flops_per_byte"] = table["flops_per_ray"] / table["bytes_per_ray"]
     table["uncached_flops_per_byte"] = table["flops_per_ray"] / table["uncached_bytes_per_ray"]

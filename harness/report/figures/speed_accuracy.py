@@ -17,9 +17,10 @@ from harness.report.figures import chart as charts
 from harness.report.figures import style
 from harness.report.figures.contenders import accuracy_table, family_of, marks
 from harness.report.figures.metrics import METRICS, frontier
+from harness.spec import intersectors
 
 X, Y = "leak_rate", "rate"
-DEFAULT = "deferred:ray-space"  # what `check_variant` makes of the bare deferred tracer
+DEFAULT = f"deferred:{intersectors.DEFAULT}"  # the bare deferred tracer
 LINE = 7.4  # points from one line of a name to the next
 LETTER = 3.6  # points a letter of a name is wide, with its share of the margin
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import matplotlib.image
 import pandas as pd
 
-from harness.analysis.names import STAND_IN
 from harness.analysis.results import Results
 from harness.report.entry import Figure, Machines
 from harness.report.figures import style
+from harness.spec.run_spec import STAND_IN
 
 HEADINGS = ("real", "stand-in")
 

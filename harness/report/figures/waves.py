@@ -10,9 +10,10 @@ from harness.analysis.ratios import stage_nanoseconds
 from harness.analysis.results import Results
 from harness.report.entry import Figure
 from harness.report.figures import style
+from harness.spec.tracers import listed_tracers
 
 STAGES = ("traverse", "arrange", "intersect", "compact", "other")
-USUAL = "4"  # the deferred tracer's wave; its module needs OpenCL
+USUAL = listed_tracers()["deferred"].defaults["wave"]
 WITHOUT = "no compaction"
 
 

@@ -17,9 +17,8 @@ from harness.data import Hits, Rays, Scene
 from harness.device.opened import Device
 from harness.device.stopwatch import Stopwatch
 from harness.spec.intersectors import Intersector
-from harness.spec.structure import GridSpec
+from harness.spec.structure import OVERLAPS, GridSpec
 from harness.structures import build_grid
-from harness.structures.base import OVERLAPS
 from harness.structures.uniform import grid_box
 from harness.tracers.forward import EXITS
 from harness.tracers.prepared import Prepared
