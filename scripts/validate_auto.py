@@ -30,7 +30,7 @@ from harness.measure.scene import SharedScene
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant, parse_count
 from harness.spec.structure import GridSpec
-from harness.spec.tracers import tracer_facts
+from harness.spec.tracer_facts import tracer_facts
 from harness.structures import build_grid
 from harness.tuning import choose as auto
 from harness.tuning import fit as calibrate

@@ -28,7 +28,7 @@ from harness.records.machines import key_of
 from harness.records.origin import source_of
 from harness.records.roofline_row import roofline_file
 from harness.spec.run_spec import STAND_IN
-from harness.spec.tracers import tracer_place
+from harness.spec.tracer_facts import tracer_place
 
 PUBLISHED = ROOT / "harness" / "paper" / "published.toml"
 

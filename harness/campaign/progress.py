@@ -22,7 +22,7 @@ from rich.progress import (
 from rich.text import Text
 
 from harness.spec.run_spec import RunSpec
-from harness.spec.tracers import listed_tracers, tracer_facts
+from harness.spec.tracer_facts import listed_tracers, tracer_facts
 
 
 class SceneProgress:

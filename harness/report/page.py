@@ -142,7 +142,7 @@ def page_content(machines: list[Results], entries: list[Written]) -> dict:
     sections: dict[str, list[Written]] = {}
     for written in entries:
         sections.setdefault(written.entry.section, []).append(written)
-    first, claims = machines[0], claims_of(machines)
+    first, claims = machines[0], judge_machines(machines)
     return {
         "paper": first.published["paper"],
         "sections": sections,
@@ -166,7 +166,7 @@ def page_content(machines: list[Results], entries: list[Written]) -> dict:
     }
 
 
-def claims_of(machines: list[Results]) -> list[dict]:
+def judge_machines(machines: list[Results]) -> list[dict]:
     """The verdicts on the paper's claims, a machine at a time, and `claims.json`."""
     found = []
     for runs in machines:

@@ -14,7 +14,7 @@ from types import ModuleType
 from harness.errors import DefrayError, known
 from harness.spec import intersectors
 from harness.spec.run_spec import Variant
-from harness.spec.tracers import listed_tracers
+from harness.spec.tracer_facts import listed_tracers
 from harness.tracers.base import Tracer, parse_options
 
 

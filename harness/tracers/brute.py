@@ -7,7 +7,7 @@ import numpy as np
 from harness.data import Counters, Rays
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
-from harness.spec.tracers import TracerFacts
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.base import DeviceTracer
 from harness.tracers.batch import Batch
 

@@ -10,7 +10,7 @@ from pydantic import Field
 from harness.data import Counters, Hits, Rays
 from harness.device.stopwatch import Stopwatch
 from harness.reference.embree_scene import EmbreeScene
-from harness.spec.tracers import TracerFacts
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.base import Options, Tracer
 
 

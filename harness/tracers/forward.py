@@ -9,7 +9,7 @@ from pydantic import Field
 
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
-from harness.spec.tracers import TracerFacts
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.base import DeviceOptions, DeviceTracer
 from harness.tracers.batch import Batch
 

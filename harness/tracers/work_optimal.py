@@ -8,7 +8,7 @@ from harness.data import Hits, Rays
 from harness.device.primitives import exclusive_scan
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
-from harness.spec.tracers import TracerFacts
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.base import DeviceTracer
 from harness.tracers.batch import Batch
 

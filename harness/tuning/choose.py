@@ -16,7 +16,7 @@ from harness import tracers
 from harness.data import Rays
 from harness.spec.intersectors import Intersector
 from harness.spec.structure import ADAPTIVE_LEAF, GridSpec
-from harness.spec.tracers import listed_tracers, tracer_facts
+from harness.spec.tracer_facts import listed_tracers, tracer_facts
 from harness.structures import build_grid
 from harness.structures.adaptive import DENSITY, AdaptiveGrid, levels_of, table_bytes
 from harness.structures.base import Grid

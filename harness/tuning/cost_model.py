@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 from scipy.optimize import nnls
 
-from harness.spec.tracers import tracer_facts
+from harness.spec.tracer_facts import tracer_facts
 from harness.tuning.sampling import RayWork
 
 SCALED = ("steps", "pairs", "tests", "nonempty", "references")  # what has an exponent

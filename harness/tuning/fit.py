@@ -19,7 +19,7 @@ from harness.inputs.rays import make_rays
 from harness.inputs.scenes import stand_in_scene
 from harness.spec.intersectors import KERNELS, Intersector
 from harness.spec.structure import GridSpec
-from harness.spec.tracers import tracer_facts
+from harness.spec.tracer_facts import tracer_facts
 from harness.structures import adaptive, build_grid
 from harness.structures.adaptive import AdaptiveGrid
 from harness.tracers.base import DeviceTracer

@@ -23,7 +23,7 @@ from harness.report.figures.kernel_rows import SHARED_KERNELS, kernel_title
 from harness.report.page import redraw
 from harness.spec.intersectors import find as find_intersector
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.tracers import TracerFacts, listed_tracers, read_tracer, tracer_facts, tracer_place
+from harness.spec.tracer_facts import TracerFacts, listed_tracers, read_tracer, tracer_facts, tracer_place
 from harness.studies.roofline.kernel_work import KERNELS
 from harness.tracers.base import DeviceOptions
 from harness.tracers.prepared import Prepared
@@ -48,7 +48,7 @@ DRAWING = """
 import sys
 for heavy in ("pyopencl", "trimesh", "embreex"):
     sys.modules[heavy] = None
-import harness.report.page, harness.claims, harness.analysis.results, harness.spec.tracers
+import harness.report.page, harness.claims, harness.analysis.results, harness.spec.tracer_facts
 from harness.report.contents import contents
 assert contents()
 measuring = {"device", "inputs", "structures", "tracers", "tuning", "measure", "studies", "campaign", "commands"}

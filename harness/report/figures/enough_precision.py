@@ -57,7 +57,7 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
         "the dashed line, half precision is enough."
     )
     for scene, rows in numbers.groupby("scene", sort=False):
-        half = error_of_half(rows)
+        half = half_precision_error(rows)
         noise = rows[rows["knob"] == "samples"]
         if half is not None and len(noise):
             above = noise[noise["error"] > half]["value"].astype(int)
@@ -71,7 +71,7 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
     return text
 
 
-def error_of_half(rows: pd.DataFrame) -> float | None:
+def half_precision_error(rows: pd.DataFrame) -> float | None:
     """Error of the image that half precision makes on one scene; None where it was not measured."""
     found = rows.loc[rows["value"] == "half", "image_error"].dropna()
     return None if found.empty else float(found.iloc[0])
@@ -155,7 +155,7 @@ def _noise(axis, numbers: pd.DataFrame, scenes: list[str]) -> None:
         colour = COLOURS[scenes.index(name) % len(COLOURS)]
         noise = rows[rows["knob"] == "samples"].sort_values("error", ascending=False)
         axis.plot(noise["value"].astype(int), noise["error"], color=colour, marker="o")
-        half = error_of_half(rows)
+        half = half_precision_error(rows)
         if half:
             axis.axhline(half, color=colour, linestyle=(0, (5, 2)), linewidth=1)
             axis.annotate(

@@ -79,7 +79,7 @@ def by_machine(numbers: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     return list(numbers.groupby("machine", sort=False)) if "machine" in numbers else [("", numbers)]
 
 
-def curve_of(numbers: pd.DataFrame) -> tuple[Fit, list[Fit], pd.DataFrame] | None:
+def fitted_curve(numbers: pd.DataFrame) -> tuple[Fit, list[Fit], pd.DataFrame] | None:
     """The curve that AICc prefers through the ray-space points, all three, and the points; None for under four."""
     points = numbers[(numbers["intersector"] == FITTED) & (numbers["baseline"] == DEFAULT)]
     if points["triangles"].nunique() < 4:
@@ -90,7 +90,7 @@ def curve_of(numbers: pd.DataFrame) -> tuple[Fit, list[Fit], pd.DataFrame] | Non
 
 def _fit_text(numbers: pd.DataFrame) -> str:
     """What the points carry, in two sentences."""
-    found = curve_of(numbers)
+    found = fitted_curve(numbers)
     if found is None:
         return " Too few scenes for a curve."
     fit, ranked, points = found
@@ -131,7 +131,7 @@ def draw(runs: Results, numbers: pd.DataFrame, narrow: bool):
 
 def _curve(axis, numbers: pd.DataFrame, line: str) -> bool:
     """The preferred curve with its band, and how a speed-up in proportion to size would go; whether there is one."""
-    found = curve_of(numbers)
+    found = fitted_curve(numbers)
     if found is None:
         return False
     fit, _, points = found

@@ -12,7 +12,7 @@ from harness.analysis.names import short_number
 from harness.analysis.results import Results
 from harness.report.entry import Figure
 from harness.report.figures import style
-from harness.report.figures.contenders import family_of, intersector_name
+from harness.report.figures.contenders import intersector_family, intersector_name
 from harness.report.figures.metrics import METRICS, frontier
 
 FAMILIES = ("A1", "A2", "A3")
@@ -73,7 +73,7 @@ def draw(runs: Results, numbers: pd.DataFrame, narrow: bool):
     colours = [
         Line2D([], [], color=colour, linewidth=3, label=f"contraction {mode}") for mode, colour in CONTRACTION.items()
     ]
-    families = dict.fromkeys(family_of(name) for name in numbers["intersector"])
+    families = dict.fromkeys(intersector_family(name) for name in numbers["intersector"])
     figure.legend(
         handles=colours
         + [
@@ -113,7 +113,7 @@ def _panel(axis, numbers: pd.DataFrame, name: str) -> None:
             [row.million_tests_per_s],
             color=colour,
             linestyle="none",
-            marker=family_of(row.intersector)[0],
+            marker=intersector_family(row.intersector)[0],
             alpha=1.0 if solid else 0.3,
             zorder=3 if solid else 2,
         )

@@ -7,7 +7,7 @@ import pandas as pd
 from harness.analysis.names import label_of
 from harness.analysis.results import Results
 from harness.report.figures.contenders import intersector_name
-from harness.spec.tracers import listed_tracers, tracer_place
+from harness.spec.tracer_facts import listed_tracers, tracer_place
 
 # Kernels that all tracers of a device launch; each tracer's own are among its facts.
 SHARED_KERNELS = {"start_rays": "start", "start_rays_without_grid": "start", "write_hits": "write hits"}
@@ -34,7 +34,7 @@ def testing_kernels() -> set[str]:
     return {kernel_title(name) for one in listed for name in one.facts.test_kernels}
 
 
-def place_of(runs: Results, row: dict) -> tuple:
+def row_place(runs: Results, row: dict) -> tuple:
     """Order of a row: scene as in the paper, uniform grids before adaptive ones, deferred before the others."""
     grid = row["grid"] or {}
     return (
@@ -54,7 +54,7 @@ def kernel_table(runs: Results) -> pd.DataFrame:
     # Of a variant measured with several numbers of rays, the most.
     by_rays = sorted(runs.roofline, key=lambda one: one["rays"]["count"])
     kept = {(row["scene"]["sha256"], grid_name(row["grid"]), row["variant"]): row for row in by_rays}
-    for row in sorted(kept.values(), key=lambda one: place_of(runs, one)):
+    for row in sorted(kept.values(), key=lambda one: row_place(runs, one)):
         count = row["rays"]["count"]
         shared = {
             "scene": runs.title_of(row["scene"]),

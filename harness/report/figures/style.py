@@ -19,7 +19,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from matplotlib.transforms import Bbox
 
 from harness.analysis.names import short_number
-from harness.spec.tracers import tracer_facts, tracer_place
+from harness.spec.tracer_facts import tracer_facts, tracer_place
 
 WIDE, NARROW = 7.2, 3.9  # inches: two columns of a page, and a telephone
 FORMATS = ("svg", "pdf", "png")

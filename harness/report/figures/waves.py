@@ -10,7 +10,7 @@ from harness.analysis.ratios import stage_nanoseconds
 from harness.analysis.results import Results
 from harness.report.entry import Figure
 from harness.report.figures import style
-from harness.spec.tracers import listed_tracers
+from harness.spec.tracer_facts import listed_tracers
 
 STAGES = ("traverse", "arrange", "intersect", "compact", "other")
 USUAL = listed_tracers()["deferred"].defaults["wave"]
@@ -35,7 +35,7 @@ def _work(work: pd.DataFrame) -> list[dict]:
     needed = _tests(optimal.iloc[0]["record"]) if len(optimal) else float("nan")
     found = []
     for _, run in work[work["tracer"] == "deferred"].iterrows():
-        setting = setting_of(run["record"]["options"])
+        setting = wave_setting(run["record"]["options"])
         if setting is None:
             continue
         times = stage_nanoseconds(run["record"])
@@ -61,7 +61,7 @@ def _tests(record: dict) -> float:
     return record["counters"]["tests"] / record["rays"]["count"]
 
 
-def setting_of(options: dict) -> str | None:
+def wave_setting(options: dict) -> str | None:
     """A wave's length, or that compaction was off; None where the run differs from the default in anything else."""
     if set(options) - {"wave", "compaction"}:
         return None

@@ -14,7 +14,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from harness.data import Counters, Rays
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
-from harness.spec.tracers import TracerFacts
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.base import COUNTERS, DeviceOptions, DeviceTracer
 from harness.tracers.batch import Batch
 from harness.tracers.deferred.bins import Bins
