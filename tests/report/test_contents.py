@@ -120,3 +120,11 @@ def test_two_of_one_name_are_one_clear_line(tmp_path, monkeypatch):
     add_toy(tmp_path / "more", monkeypatch, "Table", "waves", "End to end")
     with pytest.raises(DefrayError, match="a figure and a table are both called 'waves'"):
         contents()
+
+
+def test_two_files_of_one_name_are_one_clear_line(tmp_path, monkeypatch):
+    add_toy(tmp_path / "more", monkeypatch, "Figure", "second_views", "Scenes")
+    file = tmp_path / "more" / "second_views.py"
+    file.write_text(file.read_text().replace('name="second_views"', 'name="views"'))
+    with pytest.raises(DefrayError, match="second_views is called 'views', as another is"):
+        contents()
