@@ -57,7 +57,7 @@ def check_variant(variant: Variant) -> Variant:
         if variant.intersector:
             raise DefrayError(f"tracer '{variant.tracer}' has its own intersector; leave '{variant.intersector}' out")
         return variant
-    intersector = variant.intersector or "ray-space"
+    intersector = variant.intersector or intersectors.DEFAULT
     intersectors.find(intersector)
     return variant.model_copy(update={"intersector": intersector})
 
