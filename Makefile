@@ -13,10 +13,7 @@ ifdef DEFRAY_SCENES
 export DEFRAY_SCENES
 endif
 
-# make fig05 redraws one figure; their numbers are those of the report, which refuses one that it lacks.
-FIGURES := $(addprefix fig,01 02 03 04 05 06 07 08 09 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25)
-
-.PHONY: help setup packages second-device reproduce carry test test-all bench lint figures check-figures lock clean $(FIGURES)
+.PHONY: help setup packages second-device reproduce carry test test-all bench lint figures check-figures lock clean
 .DEFAULT_GOAL := help
 
 help: ## list the targets
@@ -55,7 +52,7 @@ packages: ## make .venv alone, without a device: enough to draw
 figures: packages ## draw OUT's figures, tables and report again from its records, without a device
 	@.venv/bin/defray report "$(OUT)"
 
-$(FIGURES): packages # one figure of OUT
+fig%: packages # one figure of OUT, by its number; the report refuses one that it lacks
 	@.venv/bin/defray report "$(OUT)" --only $@
 
 check-figures: packages ## see that the reference's figures are drawn again to the same bytes

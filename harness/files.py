@@ -6,7 +6,6 @@ import importlib
 import importlib.util
 import json
 import os
-import pkgutil
 import shlex
 import subprocess
 import sys
@@ -23,33 +22,43 @@ ROOT = Path(__file__).resolve().parent.parent  # of the checkout
 
 
 def extra_folders(kind: str) -> list[Path]:
-    """Where files of a kind (`tracers`, `structures`, `kernels`) are looked for: the project's own folder first, then
-    that of each folder named in DEFRAY_EXTRA, separated as in PATH. The latter need not exist."""
-    own = ROOT / kind if kind == "kernels" else ROOT / "harness" / kind
-    extra = [part for part in os.environ.get("DEFRAY_EXTRA", "").split(os.pathsep) if part]
-    return [own, *(Path(part).expanduser() / kind for part in extra)]
+    """Folders of one kind, `tracers`, `structures` or `kernels`: the checkout's own, then each that is in a folder of
+    DEFRAY_EXTRA, a list as PATH is one. Raises DefrayError where that names something else than a folder."""
+    found = [ROOT / kind if kind == "kernels" else ROOT / "harness" / kind]
+    for text in filter(None, os.environ.get("DEFRAY_EXTRA", "").split(os.pathsep)):
+        folder = Path(text).resolve()
+        if not folder.is_dir():
+            raise DefrayError(f"DEFRAY_EXTRA names {text}, which is no folder")
+        if (folder / kind).is_dir():
+            found.append(folder / kind)
+    return found
 
 
-def modules_of(kind: str) -> list[ModuleType]:
-    """The modules of `harness.KIND`, for a package its module of the singular name (`tracer`), and then the files of
-    that kind in DEFRAY_EXTRA. Raises DefrayError for one of these that cannot be imported."""
-    own, *extra = extra_folders(kind)
-    found = []
-    for entry in pkgutil.iter_modules([str(own)]):
-        inner = f".{kind.removesuffix('s')}" if entry.ispkg else ""
-        found.append(importlib.import_module(f"harness.{kind}.{entry.name}{inner}"))
-    return found + [_module_from(file, kind) for folder in extra for file in sorted(folder.glob("*.py"))]
+def files_of(kind: str) -> list[Path]:
+    """Python files of a kind in its folders; a folder with a file of the kind's name (`tracer.py`) counts as one."""
+    patterns = "[!_]*.py", f"*/{kind.removesuffix('s')}.py"
+    found = (sorted(file for one in patterns for file in folder.glob(one)) for folder in extra_folders(kind))
+    return [file for files in found for file in files]
 
 
 @cache
-def _module_from(file: Path, kind: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"defray_extra.{kind}.{file.stem}", file)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
+def module_of(kind: str, file: Path) -> ModuleType:
+    """A file of a kind, imported: one of the checkout as a module of `harness.KIND`, another by its path.
+
+    Raises DefrayError for one of the latter that cannot be imported.
+    """
+    own = ROOT / "harness" / kind
+    if file.is_relative_to(own):
+        return importlib.import_module(".".join(("harness", kind, *file.relative_to(own).with_suffix("").parts)))
+    stem = file.stem if f"{file.stem}s" != kind else file.parent.name
+    specification = importlib.util.spec_from_file_location(f"extra_{kind}_{stem}", file)
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[specification.name] = module  # where dataclasses and pydantic look for it
     try:
-        spec.loader.exec_module(module)
+        specification.loader.exec_module(module)
     except Exception as error:
-        raise DefrayError(f"{file} cannot be imported: {type(error).__name__}: {error}") from error
+        del sys.modules[specification.name]
+        raise DefrayError(f"cannot load {file}: {type(error).__name__}: {error}") from error
     return module
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 
-from harness.spec.run_spec import SIZES
+from harness.spec.run_spec import SIZES, STAND_IN
 
-TRACERS = ("deferred", "streamed", "work-optimal", "forward", "brute", "embree")
 RATES = ("traverse", "intersect", "total")
 WORKLOAD = ["scene", "view", "rays", "seed"]
 SAME_WORK = [*WORKLOAD, "grid", "beside"]  # `grid` alone does not tell adaptive grids of different densities apart
-STAND_IN = "-stand-in"
 
 
 def scene_and_size(scene: str) -> tuple[str, str]:

@@ -11,8 +11,6 @@ import pandas as pd
 
 from harness.analysis.names import (
     RATES,
-    STAND_IN,
-    TRACERS,
     as_command,
     beside_text,
     grid_text,
@@ -29,6 +27,8 @@ from harness.records.coherence_row import coherence_file
 from harness.records.machines import key_of
 from harness.records.origin import source_of
 from harness.records.roofline_row import roofline_file
+from harness.spec.run_spec import STAND_IN
+from harness.spec.tracer_facts import tracer_place
 
 PUBLISHED = ROOT / "harness" / "paper" / "published.toml"
 
@@ -234,7 +234,6 @@ def row_of(record: dict, scene_title) -> dict:
 
 def order_of(row) -> tuple:
     """Place of a run among those of its scene."""
-    tracer = TRACERS.index(row.tracer) if row.tracer in TRACERS else len(TRACERS)
     grid = (0, 0) if pd.isna(row.top) else (row.top, row.leaf)
     return (
         row.kind != "diffuse",
@@ -243,7 +242,7 @@ def order_of(row) -> tuple:
         row.reading != "total",
         row.reading,
         *grid,
-        tracer,
+        tracer_place(row.tracer),
         row.tracer,
         row.intersector != "ray-space",
         row.intersector,

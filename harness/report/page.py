@@ -8,27 +8,25 @@ each of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from harness.analysis.results import Results, latest, read_published
 from harness.claims import claims_html, judge_all, write_claims
-from harness.errors import DefrayError, known
+from harness.errors import DefrayError
 from harness.records.accuracy_row import accuracy_file
 from harness.records.machines import by_machine, key_of, name_of, own_folder, title_of
 from harness.records.origin import latest_rows
 from harness.records.precision_row import precision_file
 from harness.records.record_file import RecordFile
 from harness.records.stability_row import read_results
-from harness.report.blocks import make_block
-from harness.report.figures import chart, figures, style
+from harness.report.contents import contents, find_entry
+from harness.report.entry import Figure
+from harness.report.entry_origin import index_records
+from harness.report.figures import chart, style
 from harness.report.printed import write_pdf
-from harness.report.provenance import index_of
-from harness.report.tables import tables
 from harness.report.text import (
     METHODS,
     failures,
@@ -39,6 +37,7 @@ from harness.report.text import (
     redraw_command,
     summary,
 )
+from harness.report.write_entry import Written, write_entry
 
 
 def write_report(folder: Path) -> Path:
@@ -50,10 +49,10 @@ def write_report(folder: Path) -> Path:
     machines = read_machines(folder)
     for name, suffixes in (("figures", (*style.FORMATS, "json")), ("tables", ("csv", "json"))):
         make_empty(folder / name, suffixes)
-    index = index_of(folder)
+    index = index_records(folder)
     with style.style():
-        blocks = [make_block(machines, index, entry) for entry in contents()]
-    content = page_content(machines, blocks)
+        entries = [write_entry(machines, index, listed) for listed in contents()]
+    content = page_content(machines, entries)
     page = folder / "report.html"
     page.write_text(render(content), encoding="utf-8")
     write_pdf(content, folder / "report.pdf")
@@ -67,42 +66,15 @@ def redraw(folder: Path, wanted: str) -> list[Path]:
     """
     folder = Path(folder)
     machines = read_machines(folder)
-    entries = contents()
-    entry = next((one for one in entries if wanted in (one.name, one.label)), None)
-    if entry is None:
-        raise known("figure", wanted, [one.label or one.name for one in entries])
+    listed = find_entry(wanted)
     for name in ("figures", "tables"):
         (folder / name).mkdir(exist_ok=True)
     with style.style():
-        block = make_block(machines, index_of(folder), entry)
-    if not block["parts"]:
-        raise DefrayError(f"{entry.label or entry.name} cannot be drawn of {folder}: it needs {entry.module.NEEDS}")
-    kind, suffix = ("figures", "svg") if entry.number else ("tables", "csv")
-    return [folder / kind / f"{part['stem']}.{suffix}" for part in block["parts"]]
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A figure or table in its place in the report; `number` counts the figures from 1, a table has none."""
-
-    name: str
-    module: ModuleType
-    number: int | None
-
-    @property
-    def label(self) -> str:
-        """`fig05`; empty for a table."""
-        return f"fig{self.number:02}" if self.number else ""
-
-
-def contents() -> list[Entry]:
-    """Every figure and table in the order of the report."""
-    modules = {**figures(), **tables()}
-    ordered = sorted(modules, key=lambda name: (modules[name].ORDER, name))
-    sections = list(dict.fromkeys(modules[name].SECTION for name in ordered))
-    ordered.sort(key=lambda name: sections.index(modules[name].SECTION))
-    drawn = [name for name in ordered if hasattr(modules[name], "draw")]
-    return [Entry(name, modules[name], drawn.index(name) + 1 if name in drawn else None) for name in ordered]
+        written = write_entry(machines, index_records(folder), listed)
+    if not written.parts:
+        raise DefrayError(f"{listed.label or listed.name} cannot be drawn of {folder}: it needs {listed.entry.needs}")
+    kind, suffix = ("figures", "svg") if isinstance(listed.entry, Figure) else ("tables", "csv")
+    return [folder / kind / f"{part.stem}.{suffix}" for part in written.parts]
 
 
 def make_empty(folder: Path, suffixes) -> None:
@@ -165,12 +137,12 @@ def read_stability(folder: Path, device: str) -> tuple[list[dict], list[dict]]:
     return [row.model_dump() for row in found.rows], rates
 
 
-def page_content(machines: list[Results], blocks: list[dict]) -> dict:
+def page_content(machines: list[Results], entries: list[Written]) -> dict:
     """What the page and the printed form say."""
-    sections: dict[str, list[dict]] = {}
-    for block in blocks:
-        sections.setdefault(block["section"], []).append(block)
-    first, claims = machines[0], claims_of(machines)
+    sections: dict[str, list[Written]] = {}
+    for written in entries:
+        sections.setdefault(written.entry.section, []).append(written)
+    first, claims = machines[0], judge_machines(machines)
     return {
         "paper": first.published["paper"],
         "sections": sections,
@@ -190,11 +162,11 @@ def page_content(machines: list[Results], blocks: list[dict]) -> dict:
         "methods": METHODS,
         "origin_rows": origin_rows,
         "redraw": redraw_command(first.folder),
-        "has_charts": any("chart" in part for block in blocks for part in block["parts"]),
+        "has_charts": any(part.drawing and part.drawing.chart for written in entries for part in written.parts),
     }
 
 
-def claims_of(machines: list[Results]) -> list[dict]:
+def judge_machines(machines: list[Results]) -> list[dict]:
     """The verdicts on the paper's claims, a machine at a time, and `claims.json`."""
     found = []
     for runs in machines:

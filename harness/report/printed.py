@@ -14,6 +14,7 @@ import typst
 from harness.claims.show import claims_rows, counts_text
 from harness.errors import DefrayError
 from harness.report.text import origin_rows
+from harness.report.write_entry import Written
 
 TEMPLATE = Path(__file__).with_name("paper.typ")
 MOST_ROWS = 60  # of a table on paper; the rest is in its CSV
@@ -42,8 +43,8 @@ def document(content: dict, folder: Path) -> dict:
         "failures": [{key: failure[key] for key in ("what", "kind", "reason")} for failure in content["failures"]],
         "claims": _claims(content["claims"]),
         "sections": [
-            {"title": title, "blocks": [_block(block, folder) for block in blocks]}
-            for title, blocks in content["sections"].items()
+            {"title": title, "entries": [_entry(written, folder) for written in entries]}
+            for title, entries in content["sections"].items()
         ],
         "machines": [
             {"title": one["title"], "facts": one["facts"], "provenance": one["provenance"]}
@@ -67,21 +68,22 @@ def _claims(claims: list[dict]) -> dict:
     return {"counts": "; ".join(counts), "header": header, "rows": cells}
 
 
-def _block(block: dict, folder: Path) -> dict:
+def _entry(written: Written, folder: Path) -> dict:
     parts = []
-    for part in block["parts"]:
-        if block["is_figure"]:
-            (folder / f"{part['stem']}.svg").write_bytes(part["file"].read_bytes())
+    for part in written.parts:
+        if part.drawing:
+            (folder / f"{part.stem}.svg").write_bytes(part.drawing.file.read_bytes())
         parts.append(
             {
-                "stem": part["stem"],
-                "machine": part["machine"],
-                "caption": part["caption"],
-                "table": None if block["is_figure"] else _table(part["table"]),
-                "origin": origin_rows(part["origin"]),
+                "stem": part.stem,
+                "machine": part.machine,
+                "caption": part.caption,
+                "table": None if part.drawing else _table(part.table),
+                "origin": origin_rows(part.origin),
             }
         )
-    return {"title": block["title"], "number": block["number"], "needs": block["needs"], "parts": parts}
+    entry = written.entry
+    return {"title": entry.title, "number": written.listed.number, "needs": entry.needs, "parts": parts}
 
 
 def _table(table: dict) -> dict:

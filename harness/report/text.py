@@ -6,10 +6,11 @@ import hashlib
 import json
 from pathlib import Path
 
-from harness.analysis.names import STAND_IN, as_command, label_of, scene_and_size
+from harness.analysis.names import as_command, label_of, scene_and_size
 from harness.analysis.results import Results
 from harness.errors import DefrayError
 from harness.records.digest import lines_of
+from harness.spec.run_spec import STAND_IN
 
 DISAGREEMENTS = ("t_off", "wrong", "missed", "phantom", "nonfinite")
 
@@ -215,7 +216,7 @@ METHODS = (
 
 
 def origin_rows(origin: dict) -> list[tuple[str, str]]:
-    """A sidecar as facts for the page; the records stand in the file."""
+    """An origin, as `entry_origin` makes it, as facts for the page; the records stand in its file."""
     files = sorted({record["file"] for record in origin["records"]} | set(origin["files"]))
     return [
         ("id", origin["id"]),

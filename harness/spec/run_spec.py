@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_serializer, field_valid
 from harness.errors import DefrayError
 from harness.spec.structure import StructureSpec, structure_spec
 
+STAND_IN = "-stand-in"  # ends the name of a real scene's stand-in, where both are named
 SIZES = {text: Fraction(text) for text in ("1/64", "1/16", "1/4", "1", "4")}
 
 

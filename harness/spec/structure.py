@@ -13,6 +13,8 @@ from typing import Any, ClassVar
 
 from harness.errors import DefrayError
 
+# Tests of whether a triangle overlaps a cell; the first loses no ray. The order is kernels/structures/overlap.clh's.
+OVERLAPS = ("padded", "closed", "open", "box")
 MOST_TOP = 256  # cells per axis of the first level, which is stored whole
 MOST_CELLS = 1 << 16  # leaf cells per axis; beyond, float32 cannot tell neighbours apart
 MOST_ADAPTIVE_TOP = 512  # top cells along the longest axis of an adaptive grid

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from harness.errors import known
-from harness.files import modules_of
-from harness.spec.structure import StructureSpec
-from harness.structures.base import OVERLAPS, Structure
+from harness.files import files_of, module_of
+from harness.spec.structure import OVERLAPS, StructureSpec
+from harness.structures.base import Structure
 from harness.structures.device_scene import DeviceScene
 
 
 def _classes() -> dict[str, type[Structure]]:
-    found = (getattr(module, "STRUCTURE", None) for module in modules_of("structures"))
+    modules = (module_of("structures", file) for file in files_of("structures"))
+    found = (getattr(module, "STRUCTURE", None) for module in modules)
     return {structure.name: structure for structure in found if structure}
 
 

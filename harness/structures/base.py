@@ -18,9 +18,6 @@ from harness.errors import DefrayError, first_problem, known
 from harness.spec.structure import StructureSpec
 from harness.structures.device_scene import DeviceScene
 
-# Tests of whether a triangle and a cell overlap; the order is that of kernels/structures/overlap.clh.
-OVERLAPS = ("padded", "closed", "open", "box")
-
 
 class StructureOptions(BaseModel):
     """Options of a structure given as `key=value`; a structure's own class adds to it."""

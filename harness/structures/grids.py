@@ -8,7 +8,8 @@ from harness.device.opened import Device
 from harness.device.primitives import exclusive_scan
 from harness.device.program import Program
 from harness.device.runtime import cl
-from harness.structures.base import OVERLAPS, WalkWork
+from harness.spec.structure import OVERLAPS
+from harness.structures.base import WalkWork
 from harness.structures.device_scene import DeviceScene
 
 PAD_ULP = 32  # triangle-cell overlap is tested with cells grown by this many float32 ulp of the largest extent

@@ -26,6 +26,7 @@ from harness.measure.scene import SharedScene
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant, parse_count
 from harness.spec.structure import Adaptive, Uniform
+from harness.spec.tracer_facts import tracer_facts
 from harness.tuning import choose as auto
 from harness.tuning import fit as calibrate
 
@@ -138,7 +139,7 @@ def best_of_sweep(shared: SharedScene, rays, arguments, chosen: Contestant) -> t
             continue
         usual = grid.bytes if spec == Uniform(8, 128) else usual
         for wave in (chosen.wave, *(wave for wave in WAVES if wave != chosen.wave)):
-            options = {**calibrate.FAST, **wave} if tracer == "deferred" else wave
+            options = {**tracer_facts(tracer).fast_options, **wave}
             one = Contestant(shared, grid, tracer, options, rays, str(spec))
             if differing(one.hits, chosen.hits):
                 raise DefrayError(f"{shared.scene.name}: hits of {one.name} differ from those of {chosen.name}")

@@ -26,8 +26,7 @@ from harness.reference.check import Agreement
 from harness.reference.errors_of_t import diagonal_of, distance_rmse, residual_p99
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant
-from harness.spec.structure import StructureSpec, Uniform
-from harness.structures.base import OVERLAPS
+from harness.spec.structure import OVERLAPS, StructureSpec, Uniform
 from harness.studies.study import Part, Step, Study, Task, Tell, guessed_seconds
 from harness.tracers import check_variant, needs_structure
 from harness.tracers.base import Tracer

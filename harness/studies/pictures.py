@@ -14,7 +14,7 @@ from harness.data import Hits, Rays, View
 from harness.inputs.rays import bounce, image_rays
 from harness.inputs.scenes import is_real, stand_in_scene
 from harness.measure.scene import Scenes
-from harness.spec.run_spec import split_size
+from harness.spec.run_spec import STAND_IN, split_size
 from harness.structures.uniform import auto_spec
 from harness.tracers.prepared import Prepared
 from scenes import recipes
@@ -24,7 +24,6 @@ SAMPLES = 16  # occlusion rays a pixel
 FACING = 0.35  # share of the shade that follows the angle to the eye, so that open surfaces keep their shape
 BACKGROUND = 0.5
 SEED = 7
-STAND_IN = "-stand-in.png"  # ends the name of the picture of a real scene's stand-in
 
 
 class Renderer:
@@ -82,7 +81,9 @@ def write_views(folder: Path, scenes: dict[str, str], device) -> list[Path]:
         recipe = recipes().get(name)
         if recipe and recipe.stand_in and is_real(recipe):
             stand_in = partial(stand_in_scene, recipe)
-            written += _write(folder / f"{name}{STAND_IN}", lambda made=stand_in: Prepared.on_device(made(), device))
+            written += _write(
+                folder / f"{name}{STAND_IN}.png", lambda made=stand_in: Prepared.on_device(made(), device)
+            )
     return written
 
 

@@ -1,31 +1,30 @@
-"""Tracers: one end-to-end strategy a file (or a folder with a file `tracer.py`), found by listing this folder and
-those of DEFRAY_EXTRA."""
+"""Tracers: one end-to-end strategy a file, or a folder with a file `tracer.py`, found by listing folders.
+
+The folders are this one, and `tracers` in each that DEFRAY_EXTRA names.
+"""
 
 from __future__ import annotations
 
 from harness.errors import DefrayError, known
-from harness.files import modules_of
+from harness.files import module_of
 from harness.spec import intersectors
 from harness.spec.run_spec import Variant
+from harness.spec.tracer_facts import listed_tracers
 from harness.tracers.base import Tracer, parse_options
 from harness.tracers.prepared import Prepared
 
 
-def _classes() -> dict[str, type[Tracer]]:
-    found = (getattr(module, "TRACER", None) for module in modules_of("tracers"))
-    return {tracer.name: tracer for tracer in found if tracer}
-
-
 def names() -> list[str]:
     """Names of all tracers."""
-    return sorted(_classes())
+    return sorted(listed_tracers())
 
 
 def find(name: str) -> type[Tracer]:
-    """The tracer class called `name`; raises DefrayError listing the known ones."""
-    if name not in _classes():
+    """The tracer class called `name`; raises DefrayError listing the known ones, or for a file that fails to load."""
+    listed = listed_tracers()
+    if name not in listed:
         raise known("tracer", name, names())
-    return _classes()[name]
+    return module_of("tracers", listed[name].file).TRACER
 
 
 def check_variant(variant: Variant) -> Variant:

@@ -7,6 +7,7 @@ import numpy as np
 from harness.data import Counters, Rays
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.batch import Batch
 from harness.tracers.device_tracer import DeviceTracer
 
@@ -52,3 +53,10 @@ class Brute(DeviceTracer):
 
 
 TRACER = Brute
+FACTS = TracerFacts(
+    order=5,
+    colour="grey",
+    marker="v",
+    kernels={"intersect_all": "brute force"},
+    test_kernels=("intersect_all",),
+)

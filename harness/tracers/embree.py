@@ -10,6 +10,7 @@ from pydantic import Field
 from harness.data import Counters, Hits, Rays
 from harness.device.stopwatch import Stopwatch
 from harness.reference.embree_scene import EmbreeScene
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.base import Options, Tracer
 
 
@@ -53,3 +54,8 @@ class Embree(Tracer):
 
 
 TRACER = Embree
+FACTS = TracerFacts(
+    order=6,
+    colour="green",
+    marker="^",
+)

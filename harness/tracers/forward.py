@@ -9,6 +9,7 @@ from pydantic import Field
 
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.batch import Batch
 from harness.tracers.device_tracer import DeviceOptions, DeviceTracer
 
@@ -47,3 +48,12 @@ class Forward(DeviceTracer):
 
 
 TRACER = Forward
+FACTS = TracerFacts(
+    order=4,
+    colour="red",
+    marker="s",
+    kernels={"trace_forward": "forward"},
+    test_kernels=("trace_forward",),
+    terms={"rest": ("one", "steps", "pairs", "tests")},
+    fitted_rays=65_536,
+)

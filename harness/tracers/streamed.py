@@ -12,6 +12,7 @@ from pydantic import Field
 
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.batch import Batch
 from harness.tracers.device_tracer import DeviceOptions, DeviceTracer
 
@@ -81,3 +82,14 @@ class Streamed(DeviceTracer):
 
 
 TRACER = Streamed
+FACTS = TracerFacts(
+    order=2,
+    colour="pink",
+    marker="P",
+    kernels={"trace_stream": "streamed"},
+    test_kernels=("trace_stream",),
+    # One kernel that does all at a time, so that there is only a total.
+    terms={"rest": ("active", "steps", "pairs", "far_pairs", "slots", "lane_tests", "far_tests")},
+    fitted_options=({"wave": "2"}, {"wave": "8", "growth": "2"}),
+    fitted_rays=1_048_576,  # of fewer rays more of the time goes into reading triangles for the first time
+)

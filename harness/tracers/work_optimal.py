@@ -8,6 +8,7 @@ from harness.data import Hits, Rays
 from harness.device.primitives import exclusive_scan
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.batch import Batch
 from harness.tracers.device_tracer import DeviceTracer
 
@@ -70,3 +71,10 @@ class WorkOptimal(DeviceTracer):
 
 
 TRACER = WorkOptimal
+FACTS = TracerFacts(
+    order=3,
+    colour="orange",
+    marker="D",
+    kernels={"intersect_visited": "work-optimal"},
+    test_kernels=("intersect_visited",),
+)

@@ -18,11 +18,12 @@ from harness.spec import intersectors
 from harness.spec.intersectors import Intersector
 from harness.spec.run_spec import Variant
 from harness.spec.structure import AUTO, Adaptive, StructureSpec
+from harness.spec.tracer_facts import listed_tracers, tracer_facts
 from harness.structures.adaptive import DENSITY, AdaptiveGrid, levels_of, table_bytes
 from harness.tracers.device_tracer import DeviceTracer
 from harness.tracers.prepared import Prepared
 from harness.tuning.cost_model import CostModel
-from harness.tuning.fit import FAST, cost_models
+from harness.tuning.fit import cost_models
 from harness.tuning.sampling import (
     Chances,
     RayWork,
@@ -70,7 +71,7 @@ class Candidate:
         if not self.wave:
             return {}
         chosen = {"wave": str(self.wave), "growth": str(self.growth), "batch": str(self.batch)}
-        return {**FAST, **chosen} if self.tracer == "deferred" else chosen
+        return {**tracer_facts(self.tracer).fast_options, **chosen}
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +121,8 @@ def choose(
     if len(rays) < FEW_RAYS:
         why = f"density {DENSITY:g}, the default: {len(rays):,} rays are too few for choosing to pay"
         grid = structures.build(prepared.device_scene, Adaptive(DENSITY))
-        return Choice(grid, {"deferred": FAST}, why, 0.0, 0.0)
+        fast = {name: dict(one.facts.fast_options) for name, one in listed_tracers().items()}
+        return Choice(grid, fast, why, 0.0, 0.0)
     family, given = tracer if tracer in DEFERRED else "forward", given or {}
     trial = structures.build(prepared.device_scene, Adaptive(TRIAL))
     models = cost_models(prepared.device, family, intersector, tell)

@@ -1,7 +1,8 @@
 """The cost model: seconds of a ray as a sum of its work times coefficients that are fitted to measured runs.
 
 a steps + b pairs + c tests, and what else a device spends on bins, waves and rays; each stage of a tracer has its own
-terms. Work at other densities follows power laws of the leaf cells per axis, their exponents fitted as well.
+terms, which the tracer states. Work at other densities follows power laws of the leaf cells per axis, their
+exponents fitted as well.
 """
 
 from __future__ import annotations
@@ -13,20 +14,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 from scipy.optimize import nnls
 
+from harness.spec.tracer_facts import tracer_facts
 from harness.tuning.sampling import RayWork
 
-TERMS = {
-    "deferred": {
-        "traverse": ("active", "steps", "far_steps", "cell_waves"),
-        "arrange": ("pairs", "far_pairs", "cell_waves"),
-        "intersect": ("slots", "lane_tests", "far_slots", "far_tests"),
-        "compact": ("active", "waves"),
-        "rest": ("one", "waves"),
-    },
-    # One kernel that does all at a time, so that there is only a total.
-    "streamed": {"rest": ("active", "steps", "pairs", "far_pairs", "slots", "lane_tests", "far_tests")},
-    "forward": {"rest": ("one", "steps", "pairs", "tests")},
-}
 SCALED = ("steps", "pairs", "tests", "nonempty", "references")  # what has an exponent
 
 
@@ -53,7 +43,7 @@ class TimedRun:
     @property
     def stages(self) -> dict[str, float]:
         """Seconds a ray of each stage that has terms; what is left of the total is `rest`."""
-        named = [stage for stage in TERMS[self.tracer] if stage != "rest"]
+        named = [stage for stage in tracer_facts(self.tracer).terms if stage != "rest"]
         found = {stage: self.seconds.get(stage, 0.0) / self.rays for stage in named}
         return {**found, "rest": max(self.seconds["total"] / self.rays - sum(found.values()), 0.0)}
 
@@ -92,7 +82,7 @@ class CostModel(BaseModel):
 
 def fit(tracer: str, runs: Sequence[TimedRun]) -> CostModel:
     """Fit coefficients, none negative, by least squares of relative errors, stage by stage, and exponents."""
-    coefficients = {stage: _fit_stage(stage, terms, runs) for stage, terms in TERMS[tracer].items()}
+    coefficients = {stage: _fit_stage(stage, terms, runs) for stage, terms in tracer_facts(tracer).terms.items()}
     measured = [r for r in runs if r.predicted_padding > 0]
     ratios = [max(r.work.slots - r.work.pairs, 1e-9) / r.predicted_padding for r in measured]
     padding = float(np.exp(np.mean(np.log(ratios)))) if ratios else 1.0

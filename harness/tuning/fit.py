@@ -20,6 +20,7 @@ from harness.inputs.scenes import stand_in_scene
 from harness.spec.intersectors import KERNELS, Intersector
 from harness.spec.run_spec import Variant
 from harness.spec.structure import Adaptive
+from harness.spec.tracer_facts import tracer_facts
 from harness.structures import adaptive
 from harness.structures.adaptive import AdaptiveGrid
 from harness.tracers.device_tracer import DeviceTracer
@@ -41,16 +42,8 @@ from scenes import recipes
 # As stand-ins, which are at hand everywhere; the crown's triangles do not fit a cache.
 SCENES = ("sponza", "conference", "crown")
 DENSITIES = (0.075, 0.3, 1.2)
-# Deferred, of fewer rays more of the time goes into reading triangles for the first time.
-RAYS = {"deferred": 1 << 20, "streamed": 1 << 20, "forward": 1 << 16}
 REPETITIONS = 2
 SEED = 1
-FAST = {"arrange": "record", "pairs": "copy"}  # deferred options that the model is fitted with
-SETTINGS = {
-    "deferred": [{**FAST, "wave": "2"}, {**FAST, "wave": "8", "growth": "2"}],
-    "streamed": [{"wave": "2"}, {"wave": "8", "growth": "2"}],
-    "forward": [{}],
-}
 FORM = 5  # of the file
 
 
@@ -70,7 +63,7 @@ def cost_models(
         return {name: CostModel.model_validate_json(text) for name, text in texts.items()}
     if tell:
         tell(f"fitting the cost model of {' and '.join(fitted)} with {intersector.name} to the device, once; minutes")
-    runs = measured_runs(device, fitted, intersector, _fitting_scenes(RAYS[tracer]))
+    runs = measured_runs(device, fitted, intersector, _fitting_scenes(tracer_facts(tracer).fitted_rays))
     models = {name: fit(name, [run for run in runs if run.tracer == name]) for name in fitted}
     for name, model in models.items():
         _keep(model, model_file(device, name, intersector))
@@ -97,6 +90,12 @@ def model_file(device: Device, tracer: str, intersector: Intersector) -> Path:
     """Where the model is kept: another driver, number of cores or kernel source is another file."""
     known = (FORM, device.platform, device.name, device.version, device.driver, device.compute_units)
     return cache_folder() / f"cost-{tracer}-{intersector.name}-{_digest(*known, kernels_digest())}.json"
+
+
+def fitted_settings(tracer: str) -> list[dict[str, str]]:
+    """Options of each run that a tracer's model is fitted to."""
+    facts = tracer_facts(tracer)
+    return [{**facts.fast_options, **options} for options in facts.fitted_options]
 
 
 def _digest(*parts) -> str:
@@ -140,7 +139,7 @@ def _on_grid(prepared: Prepared, fitted: Sequence[str], intersector: Intersector
     made = [
         tracers.open_tracer(prepared, Variant(tracer=name, intersector=intersector.name, options=options))
         for name in fitted
-        for options in SETTINGS[name]
+        for options in fitted_settings(name)
     ]
     for one in made:
         one.trace(rays, stopwatch(prepared.device))

@@ -90,6 +90,6 @@ def test_both_are_in_a_figure_and_the_report(report):
 @pytest.mark.parametrize("files", ["structures/test_agreement.py", "tracers/test_tracers.py"])
 def test_both_are_in_the_agreement_tests(own, files):
     name = "all-triangles" if "structures" in files else "nearest-twice"
-    done = run(own, "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(ROOT), "-c", str(ROOT / "pyproject.toml"),
-               str(ROOT / "tests" / files), "-k", name, "-m", "not slow")  # fmt: skip
+    where = "--rootdir", str(ROOT), "-c", str(ROOT / "pyproject.toml"), str(ROOT / "tests" / files)
+    done = run(own, "pytest", "-q", "-p", "no:cacheprovider", *where, "-k", name, "-m", "not slow")
     assert done.returncode == 0 and " passed" in done.stdout, done.stdout[-2000:]

@@ -18,10 +18,12 @@ from harness.errors import DefrayError
 from harness.records.digest import sealed
 from harness.records.machines import merge
 from harness.records.record_file import RecordFile
-from harness.report.blocks import caption_of
+from harness.report.contents import contents
+from harness.report.entry import Machines
+from harness.report.entry_origin import index_records
 from harness.report.figures import view_pairs
-from harness.report.page import contents, read_machines, redraw
-from harness.report.provenance import index_of
+from harness.report.page import read_machines, redraw
+from harness.report.write_entry import whole_caption
 
 OTHER = {"cpu": "Other CPU", "cores": 64, "device": "another device", "platform": "Another platform"}
 
@@ -84,7 +86,7 @@ def test_a_text_with_a_line_separator_in_it_stays_one_row(tmp_path):
     (tmp_path / "mine").mkdir()
     RecordFile(tmp_path / "mine" / "records.jsonl", validate=lambda row, _: row).append(record)
     assert merge([tmp_path / "mine"], tmp_path / "ours") == {"records.jsonl": 1}
-    assert list(index_of(tmp_path / "ours")) == [record["id"]]
+    assert list(index_records(tmp_path / "ours")) == [record["id"]]
 
 
 def test_an_edited_record_is_not_merged(two):
@@ -177,11 +179,12 @@ def test_every_other_figure_and_table_names_its_machine(two):
     mine, yours, ours = two
     merge([mine, yours], ours)
     seen = 0
-    for entry in contents():
+    for listed in contents():
+        entry = listed.entry
         for runs in read_machines(ours):
-            numbers = entry.module.select(runs)
-            if len(numbers) and not hasattr(entry.module, "MACHINES"):
-                assert runs.machine in caption_of(runs, entry.module, numbers, runs.machine), entry.name
+            numbers = entry.select(runs)
+            if len(numbers) and entry.machines is Machines.APART:
+                assert runs.machine in whole_caption(runs, entry, numbers, runs.machine), entry.name
                 seen += 1
     assert seen > 8
 

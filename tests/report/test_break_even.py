@@ -10,7 +10,7 @@ from made_up_report import make_folder, one_record
 from harness.errors import DefrayError
 from harness.report.figures import end_to_end
 from harness.report.page import read_runs
-from harness.report.tables import break_even
+from harness.report.tables import break_even_table
 from harness.stats import BuildAndRate, rays_to_break_even
 
 
@@ -56,7 +56,7 @@ def records(embree_build):
 
 def table(tmp_path, embree_build):
     make_folder(tmp_path, records(embree_build))
-    return break_even.select(read_runs(tmp_path)).iloc[0]
+    return break_even_table.select(read_runs(tmp_path)).iloc[0]
 
 
 def test_table_takes_the_fastest_runs_and_the_shortest_builds(tmp_path):
@@ -76,7 +76,7 @@ def test_embree_is_taken_from_beside_the_fastest_deferred_run(tmp_path):
     paired["id"], lucky["id"] = "paired", "lucky"
     make_folder(tmp_path, [*made[:3], lucky, paired])
     runs = read_runs(tmp_path)
-    assert "paired" in break_even.select(runs).iloc[0]["runs"].split()
+    assert "paired" in break_even_table.select(runs).iloc[0]["runs"].split()
     shown = end_to_end.select(runs).set_index("series")
     assert shown.loc["Embree robust", "runs"] == "paired" and "lucky" not in set(shown["runs"])
 
@@ -88,4 +88,4 @@ def test_a_build_that_is_not_known_has_no_break_even(tmp_path):
 
 def test_deferred_runs_alone_make_no_table(tmp_path):
     make_folder(tmp_path, [record for record in records(0.5) if record["tracer"] == "deferred"])
-    assert len(break_even.select(read_runs(tmp_path))) == 0
+    assert len(break_even_table.select(read_runs(tmp_path))) == 0

@@ -9,7 +9,7 @@ from harness.analysis.ratios import speedup
 from harness.analysis.results import Results, read_published
 from harness.claims.model import FILE
 from harness.report.figures import end_to_end, intersection_speedup, published_rates, resolution_map, style, waves
-from harness.report.tables import intersectors
+from harness.report.tables import intersector_ratio
 
 
 def runs_of(records: list[dict], **changes) -> Results:
@@ -73,9 +73,9 @@ def test_runs_on_adaptive_grids_of_different_densities_are_not_held_against_each
 
     other = "deferred:moller-trumbore"
     records = [on_adaptive(OURS, 0.3, 1.0), on_adaptive(other, 1.2, 4.0), on_adaptive(OURS, 1.2, 2.0)]
-    numbers = intersectors.select(runs_of(records))
+    numbers = intersector_ratio.select(runs_of(records))
     assert list(numbers["whole_trace_ratio"]) == [2.0], "the one at density 1.2"
-    assert intersectors.select(runs_of(records[:2])).empty
+    assert intersector_ratio.select(runs_of(records[:2])).empty
 
 
 def test_only_interleaved_runs_are_paired():

@@ -27,7 +27,7 @@ from harness.report.tables import tables
 from harness.stats import rates
 
 
-def test_every_figure_has_three_formats_and_every_block_its_numbers(drawn):
+def test_every_figure_has_three_formats_and_every_entry_its_numbers(drawn):
     for name in figures():
         for suffix, start in (("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")):
             assert (drawn / "figures" / f"{name}.{suffix}").read_bytes().startswith(start), name
@@ -128,8 +128,8 @@ def test_order_of_records_does_not_matter(tmp_path):
     make_folder(tmp_path / "one", records)
     make_folder(tmp_path / "two", records[::-1])
     one, two = (read_runs(tmp_path / name) for name in ("one", "two"))
-    for name, module in {**figures(), **tables()}.items():
-        pd.testing.assert_frame_equal(module.select(one), module.select(two), obj=name)
+    for name, entry in {**figures(), **tables()}.items():
+        pd.testing.assert_frame_equal(entry.select(one), entry.select(two), obj=name)
 
 
 def test_another_grid_than_the_papers_is_named(tmp_path):

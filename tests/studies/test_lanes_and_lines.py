@@ -17,7 +17,7 @@ from harness.analysis.results import Results, read_published
 from harness.commands.main import app
 from harness.errors import DefrayError
 from harness.records.coherence_row import Coherence, coherence_file, coherence_row, predicted_ratios
-from harness.report.tables import coherence as table
+from harness.report.tables import coherence_table as table
 from harness.spec.intersectors import INTERSECTORS
 from harness.spec.structure import Adaptive, Uniform
 from harness.studies.lanes_and_lines import (

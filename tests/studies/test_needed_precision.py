@@ -14,7 +14,7 @@ from harness.errors import DefrayError
 from harness.measure.scene import SharedScene
 from harness.records.origin import row_facts
 from harness.records.precision_row import precision_row as checked
-from harness.report.figures import precision, style
+from harness.report.figures import enough_precision, style
 from harness.studies import needed_precision as module
 
 
@@ -75,12 +75,17 @@ def runs_of(rows) -> Results:
 
 
 def test_the_caption_says_when_half_precision_is_enough():
-    numbers = precision.select(runs_of(precision_rows("sponza")))
-    assert "Sponza: at all of them, up to 64 rays a pixel" in precision.caption(runs_of([]), numbers)
+    select, caption = enough_precision.select, enough_precision.caption
+    numbers = select(runs_of(precision_rows("sponza")))
+    assert "Sponza: at all of them, up to 64 rays a pixel" in caption(runs_of([]), numbers)
     rough = [row | ({"image_error": 0.15} if row["value"] == "half" else {}) for row in precision_rows("sponza")]
-    assert "Sponza: up to 4 rays a pixel" in precision.caption(runs_of([]), precision.select(runs_of(rough)))
+    assert "Sponza: up to 4 rays a pixel" in enough_precision.caption(
+        runs_of([]), enough_precision.select(runs_of(rough))
+    )
     worse = [row | ({"image_error": 0.9} if row["value"] == "half" else {}) for row in precision_rows("sponza")]
-    assert "Sponza: at no number measured" in precision.caption(runs_of([]), precision.select(runs_of(worse)))
+    assert "Sponza: at no number measured" in enough_precision.caption(
+        runs_of([]), enough_precision.select(runs_of(worse))
+    )
 
 
 @pytest.mark.parametrize("narrow", [False, True])
@@ -93,5 +98,5 @@ def test_the_chart_is_drawn(narrow):
         ]
     )
     with style.style():
-        figure = style.fix_layout(precision.draw(runs, precision.select(runs), narrow))
+        figure = style.fix_layout(enough_precision.draw(runs, enough_precision.select(runs), narrow))
         assert "<svg" in style.svg_text(figure)

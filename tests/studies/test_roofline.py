@@ -22,7 +22,7 @@ from harness.errors import DefrayError
 from harness.measure import group as measure
 from harness.records.digest import unsealed
 from harness.records.roofline_row import roofline_file, roofline_row
-from harness.report.figures import kernel_times, roofline
+from harness.report.figures import kernel_ceilings, time_by_kernel
 from harness.spec.intersectors import INTERSECTORS
 from harness.structures.grids import grid_walk_work
 from harness.studies.roofline.ceilings import CHAINS, VECTORS, Ceilings
@@ -239,7 +239,7 @@ def test_what_cannot_be_measured_is_one_clear_line(tmp_path, more, reason):
 
 
 @pytest.mark.parametrize("narrow", [False, True])
-@pytest.mark.parametrize("figure", [roofline, kernel_times])
+@pytest.mark.parametrize("figure", [kernel_ceilings, time_by_kernel])
 def test_figures_are_drawn_from_stored_rows(stored, figure, narrow):
     device = roofline_file(stored).read()[0]["machine"]["device"]
     runs = Results([], stored, device, read_published())

@@ -15,8 +15,7 @@ from harness.device.runtime import cl
 from harness.errors import DefrayError
 from harness.spec.intersectors import INTERSECTORS
 from harness.spec.run_spec import Variant
-from harness.spec.structure import Uniform
-from harness.structures.base import OVERLAPS
+from harness.spec.structure import OVERLAPS, Uniform
 from harness.structures.device_scene import upload_scene
 from harness.structures.uniform import pad_cells
 from harness.studies.stability import walks

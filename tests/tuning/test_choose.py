@@ -83,7 +83,7 @@ def test_predicted_size_is_the_size_that_is_built(prepared):
         finer, _, size = auto._size(MODEL, prepared.structure, density, len(MESH))
         assert finer == pytest.approx(calibrate.per_axis(built) / calibrate.per_axis(prepared.structure))
         assert size == pytest.approx(built.bytes, rel=0.25)
-    assert (8 ** levels_of(prepared.structure.top_counts, auto.TRIAL, 4)).sum() == prepared.structure.cells
+    assert (8 ** levels_of(prepared.structure.top_counts, auto.TRIAL, 4)).sum() == prepared.structure.leaf_cells
 
 
 def test_waves_end_where_they_should():

@@ -6,13 +6,10 @@ import pandas as pd
 
 from harness.analysis.names import WORKLOAD, three_digits
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.stats import Interval, interval, ratio
 
-ORDER = 72
-SECTION = "Time by stage"
-TITLE = "Arranging pairs by cell: two passes, binning, sorting"
-NEEDS = "diffuse runs of the deferred tracer with at least two arrangements of the same rays and grid"
 ARRANGEMENTS = {"two-pass": "two passes", "record": "record, bin", "sort": "record, sort"}
 PARTS = {
     "traverse_ns_per_pair": ("walking", style.SKY),
@@ -137,3 +134,14 @@ def _note(row, narrow: bool) -> str:
     if not narrow and not pd.isna(rate):
         parts.append(f"{three_digits(rate)} M pairs/s")
     return ", ".join([*parts, f"{100 * row.arrange_share:.0f} %"])
+
+
+FIGURE = Figure(
+    name="arrangements",
+    section="Time by stage",
+    title="Arranging pairs by cell: two passes, binning, sorting",
+    needs="diffuse runs of the deferred tracer with at least two arrangements of the same rays and grid",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

@@ -100,7 +100,7 @@ def choice(rows: list[dict], column: str, title: str, start: str) -> dict:
 def by_tracer(rows: list[dict]) -> dict:
     """Colour by tracer, as the figures have it."""
     names = list(dict.fromkeys(row["tracer"] for row in rows))
-    colours = [f"var(--{style.TOKENS[style.of_tracer(name)[0]]})" for name in names]
+    colours = [f"var(--{style.TOKENS[style.tracer_look(name)[0]]})" for name in names]
     return {"field": "tracer", "type": "nominal", "title": None, "scale": {"domain": names, "range": colours}}
 
 

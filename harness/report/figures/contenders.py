@@ -24,7 +24,7 @@ FAMILIES = {
 }
 
 
-def family_of(intersector: str | None) -> tuple[str, str]:
+def intersector_family(intersector: str | None) -> tuple[str, str]:
     """Marker and title of an intersector's family; an unknown one is its own family."""
     if not intersector:
         return FAMILIES[""]
@@ -36,7 +36,7 @@ def intersector_name(intersector: str | None) -> str:
     """`ray space`, `ray space, folded`: an intersector for people."""
     if not intersector:
         return ""
-    title = family_of(intersector)[1]
+    title = intersector_family(intersector)[1]
     prefix = next((p for p in FAMILIES if p and FAMILIES[p][1] == title), intersector)
     rest = intersector.removeprefix(prefix).strip("-").replace("-", " ").replace("kahan", "Kahan")
     return title if title == "Woop unit triangle" else ", ".join(part for part in (title, rest) if part)
@@ -107,5 +107,5 @@ def accuracy_table(runs: Results) -> pd.DataFrame:
 
 def marks(row, solid: bool) -> dict:
     """How one point looks: colour by tracer, marker by family, faded where it is dominated."""
-    colour, _ = style.of_tracer(row.tracer)
-    return {"color": colour, "marker": family_of(row.intersector)[0], "alpha": 1.0 if solid else 0.3}
+    colour, _ = style.tracer_look(row.tracer)
+    return {"color": colour, "marker": intersector_family(row.intersector)[0], "alpha": 1.0 if solid else 0.3}

@@ -7,13 +7,9 @@ import pandas as pd
 from harness.analysis.names import three_digits
 from harness.analysis.ratios import beside, best, main_workload, rays_note
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import chart as charts
 from harness.report.figures import style
-
-ORDER = 50
-SECTION = "End to end"
-TITLE = "Whole trace: deferred, forward, Embree, brute force"
-NEEDS = "diffuse runs of any tracer that traces a ray to its hit by itself"
 
 
 def select(runs: Results) -> pd.DataFrame:
@@ -211,7 +207,7 @@ def _range(numbers: pd.DataFrame) -> tuple[float, float]:
 
 
 def _dot(axis, row, place: float) -> None:
-    colour, marker = style.of_tracer(row.tracer)
+    colour, marker = style.tracer_look(row.tracer)
     value = row.total_mrays_per_s
     if value < axis.get_xlim()[0]:
         axis.annotate(
@@ -238,3 +234,15 @@ def _dot(axis, row, place: float) -> None:
         markerfacecolor=style.PAGE if hollow else colour,
     )
     axis.annotate(three_digits(value), (ends[1], place), (6, 0), textcoords="offset points", va="center", fontsize=7)
+
+
+FIGURE = Figure(
+    name="end_to_end",
+    section="End to end",
+    title="Whole trace: deferred, forward, Embree, brute force",
+    needs="diffuse runs of any tracer that traces a ray to its hit by itself",
+    select=select,
+    caption=caption,
+    draw=draw,
+    chart=chart,
+)

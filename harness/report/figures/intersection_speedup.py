@@ -11,16 +11,12 @@ from matplotlib.lines import Line2D
 from harness.analysis.names import SAME_WORK
 from harness.analysis.ratios import best, rays_note, speedup
 from harness.analysis.results import Results
-from harness.report.figures import TOGETHER, style
+from harness.report.entry import Figure, Machines
+from harness.report.figures import style
 from harness.stats import Fit, exponent, fits
 
-ORDER = 20
-SECTION = "Figure 1 of the paper"
-TITLE = "Diffuse intersection: speed-up over work-optimal forward intersection"
-NEEDS = "diffuse runs of the deferred and the work-optimal tracer, default options, on one grid"
 DEFAULT, STRONGEST = "same intersector", "fastest work-optimal"
 FITTED = "ray-space"
-MACHINES = TOGETHER
 CURVES = {"constant": "a constant", "linear": "a line", "power": "a power law"}
 
 
@@ -83,7 +79,7 @@ def by_machine(numbers: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     return list(numbers.groupby("machine", sort=False)) if "machine" in numbers else [("", numbers)]
 
 
-def curve_of(numbers: pd.DataFrame) -> tuple[Fit, list[Fit], pd.DataFrame] | None:
+def fitted_curve(numbers: pd.DataFrame) -> tuple[Fit, list[Fit], pd.DataFrame] | None:
     """The curve that AICc prefers through the ray-space points, all three, and the points; None for under four."""
     points = numbers[(numbers["intersector"] == FITTED) & (numbers["baseline"] == DEFAULT)]
     if points["triangles"].nunique() < 4:
@@ -94,7 +90,7 @@ def curve_of(numbers: pd.DataFrame) -> tuple[Fit, list[Fit], pd.DataFrame] | Non
 
 def _fit_text(numbers: pd.DataFrame) -> str:
     """What the points carry, in two sentences."""
-    found = curve_of(numbers)
+    found = fitted_curve(numbers)
     if found is None:
         return " Too few scenes for a curve."
     fit, ranked, points = found
@@ -135,7 +131,7 @@ def draw(runs: Results, numbers: pd.DataFrame, narrow: bool):
 
 def _curve(axis, numbers: pd.DataFrame, line: str) -> bool:
     """The preferred curve with its band, and how a speed-up in proportion to size would go; whether there is one."""
-    found = curve_of(numbers)
+    found = fitted_curve(numbers)
     if found is None:
         return False
     fit, _, points = found
@@ -177,11 +173,11 @@ def _series(
 
     `width`: of the axis of sizes, as a natural logarithm, so that marks beside one another keep their distance.
     """
-    colour, marker = style.of_intersector(intersector, number)
+    colour, marker = style.intersector_look(intersector, number)
     hollow = baseline == STRONGEST
     shift = {"ray-space": 0.985, "moller-trumbore": 1.015}.get(intersector, 1.0)
     if place:
-        marker = style.of_machine(place[0])[1]
+        marker = style.machine_look(place[0])[1]
         shift = (shift * 1.07 ** (place[0] - (place[1] - 1) / 2)) ** (width / 4.4)
     axis.errorbar(
         series["triangles"] * shift,
@@ -211,7 +207,7 @@ def _machine_legend(numbers: pd.DataFrame, curves: bool, width: int) -> tuple[li
             [], [], color=style.MUTED, marker=mark, linestyle=line if curves else "none"
         )
     for intersector, baseline in dict.fromkeys(zip(numbers["intersector"], numbers["baseline"], strict=True)):
-        colour, _ = style.of_intersector(intersector)
+        colour, _ = style.intersector_look(intersector)
         hollow = baseline == STRONGEST
         found[_series_title(intersector, hollow)] = Line2D(
             [], [], color=colour, linestyle="none", marker="o", markerfacecolor=style.PAGE if hollow else colour
@@ -283,3 +279,15 @@ def _scene_names(axis, numbers: pd.DataFrame, narrow: bool) -> None:
             rotation_mode="anchor",
             fontsize=7.5,
         )
+
+
+FIGURE = Figure(
+    name="intersection_speedup",
+    section="Figure 1 of the paper",
+    title="Diffuse intersection: speed-up over work-optimal forward intersection",
+    needs="diffuse runs of the deferred and the work-optimal tracer, default options, on one grid",
+    machines=Machines.TOGETHER,
+    select=select,
+    caption=caption,
+    draw=draw,
+)

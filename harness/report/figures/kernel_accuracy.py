@@ -10,15 +10,11 @@ from matplotlib.ticker import NullLocator
 
 from harness.analysis.names import short_number
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
-from harness.report.figures.contenders import family_of, intersector_name
+from harness.report.figures.contenders import intersector_family, intersector_name
 from harness.report.figures.metrics import METRICS, frontier
 
-ORDER = 92
-SECTION = "Speed against accuracy"
-TITLE = "Ray/triangle tests alone: rate against worst errors"
-NEEDS = "stability.json with the families A1 to A3 and the rates of the tests"
-FILES = ("stability.json",)
 FAMILIES = ("A1", "A2", "A3")
 PANELS = ("band_ulp", "residual_p99_ulp")
 Y = "tests_per_second"
@@ -77,7 +73,7 @@ def draw(runs: Results, numbers: pd.DataFrame, narrow: bool):
     colours = [
         Line2D([], [], color=colour, linewidth=3, label=f"contraction {mode}") for mode, colour in CONTRACTION.items()
     ]
-    families = dict.fromkeys(family_of(name) for name in numbers["intersector"])
+    families = dict.fromkeys(intersector_family(name) for name in numbers["intersector"])
     figure.legend(
         handles=colours
         + [
@@ -117,7 +113,7 @@ def _panel(axis, numbers: pd.DataFrame, name: str) -> None:
             [row.million_tests_per_s],
             color=colour,
             linestyle="none",
-            marker=family_of(row.intersector)[0],
+            marker=intersector_family(row.intersector)[0],
             alpha=1.0 if solid else 0.3,
             zorder=3 if solid else 2,
         )
@@ -140,3 +136,15 @@ def _panel(axis, numbers: pd.DataFrame, name: str) -> None:
             color=style.INK,
             arrowprops={"arrowstyle": "-", "color": style.MUTED, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 3},
         )
+
+
+FIGURE = Figure(
+    name="kernel_accuracy",
+    section="Speed against accuracy",
+    title="Ray/triangle tests alone: rate against worst errors",
+    needs="stability.json with the families A1 to A3 and the rates of the tests",
+    files=("stability.json",),
+    select=select,
+    caption=caption,
+    draw=draw,
+)

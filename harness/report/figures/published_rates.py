@@ -9,13 +9,10 @@ import pandas as pd
 from harness.analysis.names import plain
 from harness.analysis.ratios import best
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.report.figures.end_to_end import embree_title
 
-ORDER = 64
-SECTION = "End to end"
-TITLE = "Rates published elsewhere: other hardware and rays"
-NEEDS = "diffuse runs of the deferred tracer or of Embree on a scene that others measured"
 OURS = "this machine"
 
 
@@ -149,3 +146,14 @@ def _system_name(system: str, hardware: str, narrow: bool) -> str:
     kind = hardware.split(",")[0].removeprefix("its ")
     kind = f"unnamed {kind}" if "not named" in hardware else hardware
     return textwrap.fill(f"{system} ({kind})", 28) if narrow else f"{system} ({kind})"
+
+
+FIGURE = Figure(
+    name="published_rates",
+    section="End to end",
+    title="Rates published elsewhere: other hardware and rays",
+    needs="diffuse runs of the deferred tracer or of Embree on a scene that others measured",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

@@ -6,15 +6,12 @@ import pandas as pd
 
 from harness.analysis.ratios import robust_embree
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.report.figures.powers import power_text, with_power
 from harness.report.figures.size_ladder import SPARE
 from harness.stats import interval
 
-ORDER = 47
-SECTION = "Number of rays"
-TITLE = "Time over the number of rays of one scene"
-NEEDS = "diffuse runs of the deferred tracer with at least three numbers of rays on one scene and grid"
 TRACERS = {"deferred": ("-", True), "embree": (":", False)}  # line, filled marks
 TITLES = {"deferred": "deferred", "embree": "Embree"}
 MANY = 1_000_000  # rays from which on the power is fitted too: waves are full there
@@ -144,3 +141,14 @@ def _axis(axis, numbers: pd.DataFrame, column: str, label: str) -> None:
     style.log_axis(axis.xaxis, small, large)
     style.log_axis(axis.yaxis, low, high)
     axis.grid(axis="y")
+
+
+FIGURE = Figure(
+    name="ray_count",
+    section="Number of rays",
+    title="Time over the number of rays of one scene",
+    needs="diffuse runs of the deferred tracer with at least three numbers of rays on one scene and grid",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

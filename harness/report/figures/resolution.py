@@ -6,13 +6,10 @@ import pandas as pd
 
 from harness.analysis.ratios import main_workload, rays_note
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import chart as charts
 from harness.report.figures import style
 
-ORDER = 40
-SECTION = "Resolution of the grid"
-TITLE = "Rate and memory over the resolution of the second level"
-NEEDS = "diffuse runs of one scene on at least three resolutions of the grid"
 SERIES = (
     ("deferred", "total", "-"),
     ("deferred", "intersect", "--"),
@@ -173,7 +170,7 @@ def _rates(axis, scene: pd.DataFrame) -> None:
         rows = scene[(scene["tracer"] == tracer) & scene[f"{rate}_mrays_per_s"].notna()]
         if rows.empty:
             continue
-        colour, marker = style.of_tracer(tracer)
+        colour, marker = style.tracer_look(tracer)
         part = "total" if rate == "total" else "intersection"
         axis.errorbar(
             rows["cells_per_axis"],
@@ -224,3 +221,15 @@ def _legend(axes):
         handles, labels = axis.get_legend_handles_labels()
         found.update(dict(zip(labels, handles, strict=True)))
     return list(found.values()), list(found)
+
+
+FIGURE = Figure(
+    name="resolution",
+    section="Resolution of the grid",
+    title="Rate and memory over the resolution of the second level",
+    needs="diffuse runs of one scene on at least three resolutions of the grid",
+    select=select,
+    caption=caption,
+    draw=draw,
+    chart=chart,
+)

@@ -10,12 +10,9 @@ from matplotlib.patches import Rectangle
 from harness.analysis.names import three_digits
 from harness.analysis.ratios import rays_note
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 
-ORDER = 41
-SECTION = "Resolution of the grid"
-TITLE = "Rate and memory over the resolutions of both levels"
-NEEDS = "diffuse runs of the deferred tracer, default options, on grids of two or more first and second levels"
 VALUES = (("rate_mrays_per_s", "million rays/s", style.BLUE), ("grid_megabytes", "MB", style.ORANGE))
 
 
@@ -117,7 +114,7 @@ def _map(axis, scene: pd.DataFrame, column: str, label: str, colour: str) -> Non
     table = uniform.pivot_table(index="first_level", columns="second_level", values=column)
     values = table.to_numpy()
     low, high = np.nanmin(values), np.nanmax(values)
-    shade = LinearSegmentedColormap.from_list("shade", [style.PAPER, style.kept(colour)])
+    shade = LinearSegmentedColormap.from_list("shade", [style.PAPER, style.fixed_colour(colour)])
     norm = LogNorm(low / 1.6, max(high, low * 1.05))
     axis.pcolormesh(values, cmap=shade, norm=norm, edgecolors=style.PAGE, linewidth=0.8)
     for (row, place), value in np.ndenumerate(values):
@@ -195,3 +192,14 @@ def _below(scene: pd.DataFrame, column: str) -> str:
             best = rows.loc[rows["rate_mrays_per_s"].idxmax()]
             text += f"\n{name}: {three_digits(best[column])}"
     return text
+
+
+FIGURE = Figure(
+    name="resolution_map",
+    section="Resolution of the grid",
+    title="Rate and memory over the resolutions of both levels",
+    needs="diffuse runs of the deferred tracer, default options, on grids of two or more first and second levels",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

@@ -7,13 +7,10 @@ import pandas as pd
 from harness.analysis.names import scene_and_size
 from harness.analysis.ratios import best, speedup
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.report.figures.powers import power_text, with_power
 
-ORDER = 45
-SECTION = "Size of the scene"
-TITLE = "Rate and speed-up over the number of triangles of one scene"
-NEEDS = "diffuse runs of the deferred and the work-optimal tracer on at least three sizes of one scene, on one grid"
 REAL, STAND_IN = "real geometry", "stand-in"
 SPARE = ((style.SKY, "P"), (style.GREY, "X"))
 PANELS = (
@@ -168,3 +165,15 @@ def _axis(axis, numbers: pd.DataFrame, column: str, label: str) -> None:
             color=style.MUTED,
         )
     axis.grid(axis="y")
+
+
+FIGURE = Figure(
+    name="size_ladder",
+    section="Size of the scene",
+    title="Rate and speed-up over the number of triangles of one scene",
+    needs="diffuse runs of the deferred and the work-optimal tracer on at least three sizes of one scene, on one "
+    "grid",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

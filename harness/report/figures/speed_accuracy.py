@@ -12,18 +12,15 @@ from matplotlib.lines import Line2D
 
 from harness.analysis.ratios import rays_note
 from harness.analysis.results import Results
-from harness.report.figures import TOGETHER, style
+from harness.report.entry import Figure, Machines
 from harness.report.figures import chart as charts
-from harness.report.figures.contenders import accuracy_table, family_of, marks
+from harness.report.figures import style
+from harness.report.figures.contenders import accuracy_table, intersector_family, marks
 from harness.report.figures.metrics import METRICS, frontier
+from harness.spec import intersectors
 
-ORDER = 90
-SECTION = "Speed against accuracy"
-TITLE = "Whole trace against leaks of rays aimed at edges and vertices"
-NEEDS = "rows of 'defray accuracy'"
-MACHINES = TOGETHER
 X, Y = "leak_rate", "rate"
-DEFAULT = "deferred:ray-space"  # what `check_variant` makes of the bare deferred tracer
+DEFAULT = f"deferred:{intersectors.DEFAULT}"  # the bare deferred tracer
 LINE = 7.4  # points from one line of a name to the next
 LETTER = 3.6  # points a letter of a name is wide, with its share of the margin
 
@@ -83,7 +80,9 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
     aimed = int(numbers["aimed_rays"].max())
     default = numbers[numbers["default"]]
     near = f"{int(default['within_noise'].sum())} of {len(default)} {'panels' if 'machine' in numbers else 'scenes'}"
-    standing = ". ".join(standing_of(name, rows) for name, rows in panels_of(numbers) if rows["default"].any())
+    standing = ". ".join(
+        default_standing(name, rows) for name, rows in split_panels(numbers) if rows["default"].any()
+    )
     return (
         f"Up is faster, right loses fewer rays. Across: the share of up to {aimed:,} aimed rays that a "
         "variant lets through, at the upper end of its 95 % interval; each ray is aimed at an edge or a vertex "
@@ -98,7 +97,7 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
     )
 
 
-def standing_of(name: str, scene: pd.DataFrame) -> str:
+def default_standing(name: str, scene: pd.DataFrame) -> str:
     """Where the default stands on a scene: on which frontiers, and how much faster is what leaks as little."""
     default = scene[scene["default"]].iloc[0]
     own = "on" if default["on_own_frontier"] else "off"
@@ -120,7 +119,7 @@ def standing_of(name: str, scene: pd.DataFrame) -> str:
     )
 
 
-def panels_of(numbers: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+def split_panels(numbers: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """Title and rows of each panel: a scene; with several machines, each scene on each, side by side.
 
     Scenes that most machines have come first, so that no gap parts two machines on a later scene.
@@ -145,7 +144,9 @@ def chart_together(found: list[tuple[Results, pd.DataFrame]]) -> dict:
     filters = {"scene": "scene", "tracer": "tracer", "intersector": "ray/triangle test"}
     if len(found) > 1:
         filters = {"machine": "machine", **filters}
-    families = list(dict.fromkeys(family_of(name) for _, numbers in found for name in numbers["intersector"]))
+    families = list(
+        dict.fromkeys(intersector_family(name) for _, numbers in found for name in numbers["intersector"])
+    )
     return charts.explored(rows, filters, _layers(rows, families, len(found) > 1), 420)
 
 
@@ -155,7 +156,7 @@ def _chart_rows(runs: Results, numbers: pd.DataFrame) -> list[dict]:
             "scene": row.scene,
             "tracer": row.tracer,
             "intersector": row.intersector or "Embree's own",
-            "family": family_of(row.intersector)[1],
+            "family": intersector_family(row.intersector)[1],
             "variant": row.variant,
             "x": row.minus_log10_leak_bound,
             "rate": row.total_mrays_per_s,
@@ -230,7 +231,7 @@ def _layers(rows: list[dict], families: list[tuple[str, str]], several: bool) ->
 
 def draw(runs: Results, numbers: pd.DataFrame, narrow: bool):
     """One panel a scene; with several machines, one for each side by side, on the same axes."""
-    panels = panels_of(numbers)
+    panels = split_panels(numbers)
     columns = 1 if narrow or len(panels) == 1 else 2
     lines = -(-len(panels) // columns)
     height = max(panel_height(rows) for _, rows in panels)
@@ -246,14 +247,14 @@ def draw(runs: Results, numbers: pd.DataFrame, narrow: bool):
     for axis in axes[max(0, len(panels) - columns) : len(panels)]:
         axis.set_xlabel("leak rate (share of aimed rays), fewer to the right")
         axis.tick_params(labelbottom=True)
-    figure.legend(handles=legend_of(numbers), loc="outside lower center", ncols=2 if narrow else 4)
+    figure.legend(handles=legend_lines(numbers), loc="outside lower center", ncols=2 if narrow else 4)
     return figure
 
 
 def panel_height(numbers: pd.DataFrame) -> float:
     """Inches of a panel in which the names of the densest scene fit below one another."""
     lines = (
-        sum(label_of(row).count("\n") + 1.3 for row in named(scene).itertuples())
+        sum(point_label(row).count("\n") + 1.3 for row in named(scene).itertuples())
         for _, scene in numbers.groupby("scene", sort=False)
     )
     return max(2.2, max(lines) * LINE / 72 / 0.94)
@@ -264,7 +265,7 @@ def named(scene: pd.DataFrame) -> pd.DataFrame:
     return scene[scene["on_own_frontier"] | scene["default"]].sort_values("total_mrays_per_s")
 
 
-def label_of(row) -> str:
+def point_label(row) -> str:
     """Name of a variant in lines of a panel's width."""
     return textwrap.fill(f"{row.series} (default)" if row.default else row.series, 24)
 
@@ -285,7 +286,7 @@ def _panel(axis, scene: pd.DataFrame, beside: pd.DataFrame, numbers: pd.DataFram
     axis.grid()
     _line(axis, scene[scene["on_frontier"]], style.RULE, 4.5)
     for tracer, rows in scene.groupby("tracer", sort=False):
-        _line(axis, rows[rows["on_own_frontier"]], style.of_tracer(tracer)[0], 1.0)
+        _line(axis, rows[rows["on_own_frontier"]], style.tracer_look(tracer)[0], 1.0)
     for row in scene.sort_values(["on_own_frontier", "default"]).itertuples():
         _point(axis, row)
     _names(axis, named(scene), scene, line)
@@ -345,12 +346,12 @@ def _names(axis, rows: pd.DataFrame, scene: pd.DataFrame, line: float) -> None:
         for part in (rows, scene)
     )
     letter = LETTER / (72 * axis.figure.get_figwidth() / axis.get_subplotspec().get_gridspec().ncols)
-    texts = [label_of(row) for row in rows.itertuples()]
+    texts = [point_label(row) for row in rows.itertuples()]
     sizes = [(text.count("\n") + 1.3) * line for text in texts]
     gaps = [(one + two) / 2 for one, two in itertools.pairwise(sizes)]
     heights = style.spread([y for _, y in points], gaps, sizes[0] / 2, 1 - sizes[-1] / 2) if sizes else []
     for row, (x, y), height, text, size in zip(rows.itertuples(), points, heights, texts, sizes, strict=True):
-        colour = style.of_tracer(row.tracer)[0]
+        colour = style.tracer_look(row.tracer)[0]
         right = x + 0.08 + letter * max(map(len, text.splitlines()))
         covered = (every[:, 0] > x + 0.02) & (every[:, 0] < right) & (abs(every[:, 1] - height) < size / 2 + line / 2)
         place = (every[:, 0].max() if covered.any() else x) + 0.055
@@ -368,13 +369,27 @@ def _names(axis, rows: pd.DataFrame, scene: pd.DataFrame, line: float) -> None:
         )
 
 
-def legend_of(numbers: pd.DataFrame) -> list[Line2D]:
+def legend_lines(numbers: pd.DataFrame) -> list[Line2D]:
     """A patch of colour for each tracer and a mark for each family of intersectors."""
     colours = [
-        Line2D([], [], color=style.of_tracer(name)[0], linewidth=3, label=name)
+        Line2D([], [], color=style.tracer_look(name)[0], linewidth=3, label=name)
         for name in dict.fromkeys(numbers["tracer"])
     ]
-    families = dict.fromkeys(family_of(name) for name in numbers["intersector"])
+    families = dict.fromkeys(intersector_family(name) for name in numbers["intersector"])
     return colours + [
         Line2D([], [], color=style.MUTED, marker=marker, linestyle="none", label=title) for marker, title in families
     ]
+
+
+FIGURE = Figure(
+    name="speed_accuracy",
+    section="Speed against accuracy",
+    title="Whole trace against leaks of rays aimed at edges and vertices",
+    needs="rows of 'defray accuracy'",
+    machines=Machines.TOGETHER,
+    select=select,
+    caption=caption,
+    draw=draw,
+    chart=chart,
+    chart_together=chart_together,
+)

@@ -10,19 +10,15 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Patch
 
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.report.figures.contenders import intersector_name
 
-ORDER = 91
-SECTION = "Speed against accuracy"
-TITLE = "Stability: where methods fail"
-NEEDS = "stability.json, which 'defray stability' writes"
-FILES = ("stability.json",)
 ALL_LOST = 0.999  # share of a family's rays lost from which on a cell is grey
 OTHER_FAULTS = ("double_hits", "nonfinite", "self_hits", "tunnels")
 LIMITS = {"rate": (-6.0, 0.0), "ulp": (0.0, 6.0)}  # decades over which a cell turns from pale to full colour
 RAMP = LinearSegmentedColormap.from_list(
-    "severity", [style.PAPER, "#fbe3c4", style.kept(style.ORANGE), style.kept(style.RED)]
+    "severity", [style.PAPER, "#fbe3c4", style.fixed_colour(style.ORANGE), style.fixed_colour(style.RED)]
 )
 
 
@@ -92,7 +88,7 @@ def _map(axis, numbers: pd.DataFrame, methods: list[tuple], families: list[str])
     places = {method: place for place, method in enumerate(methods)}
     for row in numbers.itertuples():
         place = (families.index(row.family), places[row.intersector, row.contraction])
-        colour = style.kept(style.GREY) if row.all_lost else RAMP(row.severity)
+        colour = style.fixed_colour(style.GREY) if row.all_lost else RAMP(row.severity)
         axis.fill_between(
             [place[0] - 0.5, place[0] + 0.5], place[1] - 0.5, place[1] + 0.5, color=colour, linewidth=0, zorder=1
         )
@@ -133,3 +129,15 @@ def _mark(row) -> str:
 
 def _title(intersector: str, contraction: str) -> str:
     return f"{intersector_name(intersector)}" if contraction == "off" else "contracted"
+
+
+FIGURE = Figure(
+    name="stability_map",
+    section="Speed against accuracy",
+    title="Stability: where methods fail",
+    needs="stability.json, which 'defray stability' writes",
+    files=("stability.json",),
+    select=select,
+    caption=caption,
+    draw=draw,
+)

@@ -8,12 +8,9 @@ from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from harness.analysis.names import SAME_WORK, three_digits
 from harness.analysis.ratios import best, stage_nanoseconds
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 
-ORDER = 70
-SECTION = "Time by stage"
-TITLE = "Time of a ray, split by stage"
-NEEDS = "diffuse runs with timed stages"
 MOST_VARIANTS = 6
 TRACERS = ("deferred", "work-optimal", "forward")
 
@@ -114,3 +111,14 @@ def _row_name(row, usual: str, narrow: bool) -> str:
             lines.append("")
         lines[-1] += part
     return "\n".join(lines if row.grid == usual else [*lines, f"grid {row.grid}"])
+
+
+FIGURE = Figure(
+    name="stages",
+    section="Time by stage",
+    title="Time of a ray, split by stage",
+    needs="diffuse runs with timed stages",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

@@ -19,6 +19,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from matplotlib.transforms import Bbox
 
 from harness.analysis.names import short_number
+from harness.spec.tracer_facts import tracer_facts, tracer_place
 
 WIDE, NARROW = 7.2, 3.9  # inches: two columns of a page, and a telephone
 FORMATS = ("svg", "pdf", "png")
@@ -49,15 +50,7 @@ TOKENS = {
 }
 # On a cell or bar whose colour a dark page keeps, words keep theirs too: none of these is a variable of the page.
 PAPER, PRINT, FAINT = "#ffffff", "#111214", "#6b7077"
-TRACER_COLOURS = {
-    "deferred": BLUE,
-    "streamed": PINK,
-    "forward": RED,
-    "work-optimal": ORANGE,
-    "embree": GREEN,
-    "brute": GREY,
-}
-TRACER_MARKERS = {"deferred": "o", "streamed": "P", "forward": "s", "work-optimal": "D", "embree": "^", "brute": "v"}
+TRACER_LOOKS = ((SKY, "X"), (INK, "<"), (MUTED, "p"))  # in turn, of tracers that state none
 INTERSECTOR_COLOURS = {"ray-space": BLUE, "moller-trumbore": ORANGE}
 INTERSECTOR_MARKERS = {"ray-space": "o", "moller-trumbore": "s"}
 INTERSECTOR_TITLES = {"ray-space": "ray space", "moller-trumbore": "Möller–Trumbore"}
@@ -188,24 +181,26 @@ def marked(figure: Figure, mark: str):
         text.remove()
 
 
-def of_intersector(name: str | None, number: int = 0) -> tuple[str, str]:
+def intersector_look(name: str | None, number: int = 0) -> tuple[str, str]:
     """Colour and marker of an intersector; unknown ones take spare pairs in turn."""
     if name in INTERSECTOR_COLOURS:
         return INTERSECTOR_COLOURS[name], INTERSECTOR_MARKERS[name]
     return SPARE[number % len(SPARE)]
 
 
-def of_tracer(name: str) -> tuple[str, str]:
-    """Colour and marker of a tracer."""
-    return TRACER_COLOURS.get(name, PINK), TRACER_MARKERS.get(name, "P")
+def tracer_look(name: str) -> tuple[str, str]:
+    """Colour and marker of a tracer, as its file states them; spare ones where it does not."""
+    facts, spare = tracer_facts(name), TRACER_LOOKS[tracer_place(name) % len(TRACER_LOOKS)]
+    colours = {token: colour for colour, token in TOKENS.items()}
+    return colours[facts.colour] if facts.colour else spare[0], facts.marker or spare[1]
 
 
-def kept(colour: str) -> str:
+def fixed_colour(colour: str) -> str:
     """A colour that a dark page does not replace, and that nobody can tell from this one."""
     return f"#{int(colour[1:], 16) ^ 1:06x}"
 
 
-def of_machine(number: int) -> tuple[str, str]:
+def machine_look(number: int) -> tuple[str, str]:
     """Colour and marker of a report's machine, counted from 0."""
     return MACHINE_LOOKS[number % len(MACHINE_LOOKS)][:2]
 

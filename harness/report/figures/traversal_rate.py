@@ -9,14 +9,10 @@ import pandas as pd
 from harness.analysis.names import short_number, three_digits
 from harness.analysis.ratios import main_workload, rays_note
 from harness.analysis.results import Results
-from harness.report.figures import TOGETHER, style
+from harness.report.entry import Figure, Machines
+from harness.report.figures import style
 
-ORDER = 30
-SECTION = "Figure 1 of the paper"
-TITLE = "Diffuse traversal"
-NEEDS = "diffuse runs of the deferred tracer with default options"
 PAPER = "paper"
-MACHINES = TOGETHER
 
 
 def select(runs: Results) -> pd.DataFrame:
@@ -136,7 +132,7 @@ def _series(numbers: pd.DataFrame, device: str, width: int) -> list[tuple]:
     here = numbers["machine"] if "machine" in numbers else pd.Series(device, index=numbers.index)
     found = []
     for number, machine in enumerate(dict.fromkeys(here[mine])):
-        colour, marker = style.of_machine(number)
+        colour, marker = style.machine_look(number)
         own, look = mine & (here == machine), {"color": colour, "marker": marker}
         found += [
             (own & ~per_cell, textwrap.fill(machine, width), look),
@@ -174,3 +170,16 @@ def _dots(axis, rows: pd.DataFrame, places: list[float], label: str, look: dict)
     text = short_number if published else three_digits
     for place, end, number in zip(places, ends, value, strict=True):
         axis.annotate(text(number), (end, place), (6, 0), textcoords="offset points", va="center", fontsize=7)
+
+
+FIGURE = Figure(
+    name="traversal_rate",
+    section="Figure 1 of the paper",
+    title="Diffuse traversal",
+    needs="diffuse runs of the deferred tracer with default options",
+    machines=Machines.TOGETHER,
+    select=select,
+    caption=caption,
+    draw=draw,
+    together=together,
+)

@@ -5,16 +5,11 @@ from __future__ import annotations
 import matplotlib.image
 import pandas as pd
 
-from harness.analysis.names import STAND_IN
 from harness.analysis.results import Results
-from harness.report.figures import SHARED, style
+from harness.report.entry import Figure, Machines
+from harness.report.figures import style
+from harness.spec.run_spec import STAND_IN
 
-ORDER = 12
-SECTION = "Scenes"
-TITLE = "Real scenes and their stand-ins"
-NEEDS = "runs on real scenes, and the pictures that 'defray views' renders of them and of their stand-ins"
-MACHINES = SHARED
-FILES = ("views/*.png",)
 HEADINGS = ("real", "stand-in")
 
 
@@ -56,3 +51,16 @@ def draw(runs: Results, numbers: pd.DataFrame, narrow: bool):
             axis.imshow(matplotlib.image.imread(file), interpolation="antialiased", cmap="gray")
             axis.set_title(f"{row.scene}, {kind}", fontsize=9, loc="left")
     return figure
+
+
+FIGURE = Figure(
+    name="view_pairs",
+    section="Scenes",
+    title="Real scenes and their stand-ins",
+    needs="runs on real scenes, and the pictures that 'defray views' renders of them and of their stand-ins",
+    machines=Machines.SHARED,
+    files=("views/*.png",),
+    select=select,
+    caption=caption,
+    draw=draw,
+)

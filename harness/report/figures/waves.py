@@ -8,14 +8,12 @@ from matplotlib.ticker import StrMethodFormatter
 from harness.analysis.names import SAME_WORK
 from harness.analysis.ratios import stage_nanoseconds
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
+from harness.spec.tracer_facts import listed_tracers
 
-ORDER = 73
-SECTION = "Time by stage"
-TITLE = "Waves and compaction"
-NEEDS = "diffuse runs of the deferred tracer that differ in `wave` or `compaction` alone"
 STAGES = ("traverse", "arrange", "intersect", "compact", "other")
-USUAL = "4"  # the deferred tracer's wave; its module needs OpenCL
+USUAL = listed_tracers()["deferred"].defaults["wave"]
 WITHOUT = "no compaction"
 
 
@@ -37,7 +35,7 @@ def _work(work: pd.DataFrame) -> list[dict]:
     needed = _tests(optimal.iloc[0]["record"]) if len(optimal) else float("nan")
     found = []
     for _, run in work[work["tracer"] == "deferred"].iterrows():
-        setting = setting_of(run["record"]["options"])
+        setting = wave_setting(run["record"]["options"])
         if setting is None:
             continue
         times = stage_nanoseconds(run["record"])
@@ -63,7 +61,7 @@ def _tests(record: dict) -> float:
     return record["counters"]["tests"] / record["rays"]["count"]
 
 
-def setting_of(options: dict) -> str | None:
+def wave_setting(options: dict) -> str | None:
     """A wave's length, or that compaction was off; None where the run differs from the default in anything else."""
     if set(options) - {"wave", "compaction"}:
         return None
@@ -150,3 +148,14 @@ def _ticks(axis, scene: pd.DataFrame) -> None:
     axis.tick_params(axis="x", length=0, labelsize=6.5)
     axis.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axis.grid(axis="y")
+
+
+FIGURE = Figure(
+    name="waves",
+    section="Time by stage",
+    title="Waves and compaction",
+    needs="diffuse runs of the deferred tracer that differ in `wave` or `compaction` alone",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

@@ -1,16 +1,10 @@
-"""Tables of the report, one file each.
-
-A table module has `ORDER`, `SECTION`, `TITLE`, `NEEDS`, `select(runs) -> DataFrame` and
-`caption(runs, numbers) -> str`, as a figure does, and no `draw`. A new table is a new file.
-"""
+"""Tables of the report, one file each, which ends in `TABLE = Table(...)`; see harness/report/entry.py."""
 
 from __future__ import annotations
 
-from types import ModuleType
-
-from harness.report.figures import modules_in
+from harness.report.entry import Table, entries_in
 
 
-def tables() -> dict[str, ModuleType]:
-    """Every table of this folder by name, in the order of the report."""
-    return modules_in(__name__, __path__)
+def tables() -> dict[str, Table]:
+    """Every table of this folder by its name. Raises DefrayError where two have one name."""
+    return entries_in(__name__, __path__, Table)

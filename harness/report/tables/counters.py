@@ -5,11 +5,8 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.analysis.results import Results
+from harness.report.entry import Table
 
-ORDER = 90
-SECTION = "Correctness and work"
-TITLE = "Work of a ray"
-NEEDS = "runs with counters"
 COUNTERS = ("steps", "pairs", "tests", "lane_tests")
 
 
@@ -43,3 +40,13 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
         "ray-cell encounters stored or visited; tests: ray-triangle tests asked for; lane tests: those "
         "executed, idle lanes included; padding: unused slots that fill bins to whole lanes."
     )
+
+
+TABLE = Table(
+    name="counters",
+    section="Correctness and work",
+    title="Work of a ray",
+    needs="runs with counters",
+    select=select,
+    caption=caption,
+)

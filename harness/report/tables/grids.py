@@ -6,11 +6,7 @@ import pandas as pd
 
 from harness.analysis.names import grid_text
 from harness.analysis.results import Results, bytes_of
-
-ORDER = 95
-SECTION = "Correctness and work"
-TITLE = "Grids"
-NEEDS = "runs on a grid"
+from harness.report.entry import Table
 
 
 def select(runs: Results) -> pd.DataFrame:
@@ -45,3 +41,13 @@ def _numbers(run: pd.Series) -> dict:
 def caption(runs: Results, numbers: pd.DataFrame) -> str:
     """When the build is timed."""
     return "A grid is built once and shared by the runs that use it; no rate includes its build."
+
+
+TABLE = Table(
+    name="grids",
+    section="Correctness and work",
+    title="Grids",
+    needs="runs on a grid",
+    select=select,
+    caption=caption,
+)

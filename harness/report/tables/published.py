@@ -5,14 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.analysis.results import Results
-from harness.report.figures import SHARED
-
-ORDER = 65
-SECTION = "End to end"
-TITLE = "Published elsewhere: other hardware and rays"
-NEEDS = "nothing: these are others' numbers"
-MACHINES = SHARED
-FILES = ("harness/paper/published.toml",)
+from harness.report.entry import Machines, Table
 
 
 def select(runs: Results) -> pd.DataFrame:
@@ -48,3 +41,15 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
         "Million rays a second as published, on other hardware, with other rays and sometimes other "
         "versions of the scenes: for orientation, not for division."
     )
+
+
+TABLE = Table(
+    name="published",
+    section="End to end",
+    title="Published elsewhere: other hardware and rays",
+    needs="nothing: these are others' numbers",
+    machines=Machines.SHARED,
+    files=("harness/paper/published.toml",),
+    select=select,
+    caption=caption,
+)

@@ -5,14 +5,12 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.analysis.results import Results
+from harness.report.entry import Table
 from harness.report.figures.contenders import accuracy_table
+from harness.spec.structure import OVERLAPS
 from harness.stats import rates_of, ratio
 
-ORDER = 93
-SECTION = "Speed against accuracy"
-TITLE = "Speed at each accuracy floor"
-NEEDS = "rows of 'defray accuracy'"
-PADDED = "padded"  # the binning that loses nothing, see harness/grid.py
+PADDED = OVERLAPS[0]  # the overlap test that loses nothing
 FLOORS = (1.0, 1e-2, 1e-4, 3e-6)  # largest share of aimed rays that may leak; 1 is no floor
 
 
@@ -79,3 +77,13 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
         f"watertight ray/triangle test costs. {most:,} aimed rays without a leak show a rate below "
         f"{3 / most:.1g}; a floor under that stays empty."
     )
+
+
+TABLE = Table(
+    name="speed_at_floor",
+    section="Speed against accuracy",
+    title="Speed at each accuracy floor",
+    needs="rows of 'defray accuracy'",
+    select=select,
+    caption=caption,
+)

@@ -16,8 +16,7 @@ from harness.data import Hits, Rays, Scene
 from harness.device.opened import Device
 from harness.spec.intersectors import Intersector
 from harness.spec.run_spec import Variant
-from harness.spec.structure import Uniform
-from harness.structures.base import OVERLAPS
+from harness.spec.structure import OVERLAPS, Uniform
 from harness.structures.uniform import grid_box
 from harness.tracers.forward import EXITS
 from harness.tracers.prepared import Prepared

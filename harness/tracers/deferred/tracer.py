@@ -14,6 +14,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from harness.data import Counters, Rays
 from harness.device.runtime import cl
 from harness.device.stopwatch import Stopwatch
+from harness.spec.tracer_facts import TracerFacts
 from harness.tracers.batch import Batch
 from harness.tracers.deferred.bins import Bins
 from harness.tracers.deferred.bins_packed import GroupBins
@@ -157,3 +158,32 @@ class Deferred(DeviceTracer):
 
 
 TRACER = Deferred
+FACTS = TracerFacts(
+    order=1,
+    colour="blue",
+    marker="o",
+    kernels={
+        "count_pairs": "walk and count",
+        "pack_pairs": "walk and pack",
+        "record_pairs": "walk",
+        "rank_pairs": "rank",
+        "lay_out_bins": "lay out bins",
+        "count_chunks": "count chunks",
+        "lay_out_blocks": "lay out bins",
+        "scatter_pairs": "scatter",
+        "intersect_bins": "intersect",
+        "keep_in_blocks": "compact",
+        "join_blocks": "compact, join",
+    },
+    test_kernels=("intersect_bins",),
+    terms={
+        "traverse": ("active", "steps", "far_steps", "cell_waves"),
+        "arrange": ("pairs", "far_pairs", "cell_waves"),
+        "intersect": ("slots", "lane_tests", "far_slots", "far_tests"),
+        "compact": ("active", "waves"),
+        "rest": ("one", "waves"),
+    },
+    fast_options={"arrange": "record", "pairs": "copy"},
+    fitted_options=({"wave": "2"}, {"wave": "8", "growth": "2"}),
+    fitted_rays=1_048_576,  # of fewer rays more of the time goes into reading triangles for the first time
+)

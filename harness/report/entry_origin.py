@@ -1,4 +1,4 @@
-"""Where each figure and table comes from: a sidecar beside its files, and the short id that the figure shows.
+"""Where each figure and table comes from: a JSON file beside its files, and the short id that the figure shows.
 
 The id is made of the figure's name, its numbers and the digests of the records behind them: other records or other
 numbers, another id; the same records drawn again, the same id, on whatever machine.
@@ -9,58 +9,60 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import pandas as pd
 
 from harness.analysis.results import Results
 from harness.errors import DefrayError
 from harness.files import ROOT
 from harness.records.digest import KEY, lines_of
 from harness.records.machines import key_of
+from harness.report.entry import Entry, Found
 
 SHARED = ("harness/report/figures/style.py", "harness/analysis/results.py", "harness/stats.py")
 OWN = ("env.json", "sweep.json", "stability.json")
+ROWS = ("*.jsonl", "stability.json")
 
 
-def sidecar(found: list, index: dict, name: str, module, numbers, csv: str) -> dict:
+def entry_origin(found: Found, index: dict, entry: Entry, numbers: pd.DataFrame, csv: str) -> dict:
     """What is known of one figure or table; JSON, equal from equal records.
 
-    `found`: pairs of a machine's Runs and its own numbers, by whose id columns its `records` are found; `numbers`:
-    what is drawn of all. `index`: as `index_of` makes it of the folder. `files`: what it reads beside the records, or
-    every file of rows where its numbers name no record. Of several machines, `machine` is the first, `machines` all.
+    `found`: the machines that it shows, each with its own numbers, by whose id columns its `records` are found;
+    `numbers`: what is drawn of all, as text in `csv`. `index`: as `index_records` makes it of the folder. `files`:
+    what it reads beside the records, or every file of rows where its numbers name no record. Of several machines,
+    `machine` is the first, `machines` all. Raises DefrayError for an id that no file of the folder has.
     """
-    records = unique([one for runs, own in found for one in records_behind(runs, index, ids_of(own))])
-    reads_files = getattr(module, "FILES", ()) or not records
-    files = (
-        {path: digest for runs, _ in found for path, digest in files_behind(runs, module).items()}
-        if reads_files
-        else {}
-    )
-    machines = [machine_of(runs) for runs, _ in found]
-    parts = [name, csv, *(one[KEY] for one in records), *files.values()]
+    records = unique([one for runs, own in found for one in records_behind(runs, index, record_ids(own))])
+    patterns = entry.files or (() if records else ROWS)
+    files = {path: digest for runs, _ in found for path, digest in file_digests(runs, patterns).items()}
+    machines = [machine_facts(runs) for runs, _ in found]
+    parts = [entry.name, csv, *(one[KEY] for one in records), *files.values()]
     return {
         "id": hashlib.sha256("\n".join(parts).encode()).hexdigest()[:8],
-        "name": name,
-        "title": module.TITLE,
-        "filter": {"needs": module.NEEDS, "select": first_line(module.select), **scope_of(numbers)},
+        "name": entry.name,
+        "title": entry.title,
+        "filter": {"needs": entry.needs, "select": first_line(entry.select), **distinct_values(numbers)},
         "records": records,
         "files": files,
         "numbers_sha256": hashlib.sha256(csv.encode()).hexdigest(),
-        "script": script_of(module),
-        "shared_scripts": {path: sha256_of(ROOT / path) for path in SHARED},
+        "script": drawing_script(entry),
+        "shared_scripts": {path: file_sha256(ROOT / path) for path in SHARED},
         "commits": list(dict.fromkeys(one["commit"] for one in records)),
-        "commands": unique([one for runs, own in found for one in runs.command_of(ids_of(own))]),
-        "redraw": f"defray report DIR --only {name}",
+        "commands": unique([one for runs, own in found for one in runs.command_of(record_ids(own))]),
+        "redraw": f"defray report DIR --only {entry.name}",
         "machine": machines[0],
         **({"machines": machines} if len(machines) > 1 else {}),
     }
 
 
-def unique(entries: list) -> list:
-    """Each entry once, in order."""
-    return [entry for place, entry in enumerate(entries) if entry not in entries[:place]]
+def unique(values: list) -> list:
+    """Each value once, in order."""
+    return [value for place, value in enumerate(values) if value not in values[:place]]
 
 
-def ids_of(numbers) -> list[str]:
+def record_ids(numbers: pd.DataFrame) -> list[str]:
     """Ids of the records that the rows name, each once, in order."""
     texts = [text for column in ("runs", "run") if column in numbers for text in numbers[column].dropna()]
     return list(dict.fromkeys(" ".join(map(str, texts)).split()))
@@ -78,18 +80,18 @@ def records_behind(runs: Results, index: dict, ids: list[str]) -> list[dict]:
         rows = index.get(identity, [])
         if not rows:
             raise DefrayError(f"a figure names record {identity}, which is in no file of {runs.folder}")
-        here = [row for row in rows if of_machine(row["machine"], machine)] or rows
+        here = [row for row in rows if measured_on(row["machine"], machine)] or rows
         latest = {row["geometry"]: row for row in here}
         found += [{key: row[key] for key in ("id", "file", KEY, "commit")} for row in latest.values()]
     return found
 
 
-def of_machine(key: tuple, machine: tuple) -> bool:
+def measured_on(key: tuple, machine: tuple) -> bool:
     """Whether a row was measured on this machine: on its device, or, without any device, on its processor."""
     return key == machine or (key[3] is None and key[:2] == machine[:2])
 
 
-def index_of(folder: Path) -> dict[str, list[dict]]:
+def index_records(folder: Path) -> dict[str, list[dict]]:
     """Every row of the folder's files by id, as they are on file."""
     found: dict[str, list[dict]] = {}
     for path in sorted(folder.glob("*.jsonl")):
@@ -113,16 +115,16 @@ def index_of(folder: Path) -> dict[str, list[dict]]:
     return found
 
 
-def files_behind(runs: Results, module) -> dict[str, str]:
-    """SHA-256 of the files that `module` says it reads, of every file of rows where it says nothing."""
+def file_digests(runs: Results, patterns: Sequence[str]) -> dict[str, str]:
+    """SHA-256 of the files that match, by their path in the folder, or in the checkout for `harness/`."""
     found = {}
-    for pattern in getattr(module, "FILES", ("*.jsonl", "stability.json")):
+    for pattern in patterns:
         base = ROOT if pattern.startswith("harness/") else runs.home if pattern in OWN else runs.folder
-        found |= {path.relative_to(base).as_posix(): sha256_of(path) for path in sorted(base.glob(pattern))}
+        found |= {path.relative_to(base).as_posix(): file_sha256(path) for path in sorted(base.glob(pattern))}
     return found
 
 
-def scope_of(numbers) -> dict[str, list]:
+def distinct_values(numbers: pd.DataFrame) -> dict[str, list]:
     """The scenes, tracers, grids, kinds and numbers of rays among the rows."""
     found = {}
     for column in ("scene", "tracer", "intersector", "grid", "kind", "rays"):
@@ -132,21 +134,21 @@ def scope_of(numbers) -> dict[str, list]:
     return found
 
 
-def script_of(module) -> dict[str, str]:
-    """Path and SHA-256 of the file that draws."""
-    path = Path(inspect.getfile(module))
+def drawing_script(entry: Entry) -> dict[str, str]:
+    """Path and SHA-256 of the file that the entry is stated in."""
+    path = Path(inspect.getfile(entry.select))
     return {
         "path": path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name,
-        "sha256": sha256_of(path),
+        "sha256": file_sha256(path),
     }
 
 
-def sha256_of(path: Path) -> str:
+def file_sha256(path: Path) -> str:
     """SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def first_line(function) -> str:
+def first_line(function: Callable) -> str:
     """What a function says it does."""
     return (inspect.getdoc(function) or "").split("\n")[0]
 
@@ -160,7 +162,7 @@ def machine_key(runs: Results) -> tuple:
     )
 
 
-def machine_of(runs: Results) -> dict:
+def machine_facts(runs: Results) -> dict:
     """The machine as its records have it."""
     rows = [*runs.records, *runs.accuracy]
     machines = [row["machine"] for row in rows if key_of(row["machine"]) == machine_key(runs)]

@@ -27,7 +27,7 @@ def page_table(numbers: pd.DataFrame) -> dict:
         if name not in HIDDEN and not (name.endswith(("_low", "_high")) and name.rsplit("_", 1)[0] in numbers.columns)
     ]
     numeric = [pd.api.types.is_numeric_dtype(numbers[name]) and numbers[name].dtype != bool for name in columns]
-    rows = [[cell(row, name) for name in columns] for _, row in numbers.iterrows()]
+    rows = [[cell_text(row, name) for name in columns] for _, row in numbers.iterrows()]
     return {"header": [heading(name) for name in columns], "numeric": numeric, "rows": rows}
 
 
@@ -38,7 +38,7 @@ def heading(column: str) -> str:
     return column.replace("_", " ")
 
 
-def cell(row: pd.Series, name: str) -> str:
+def cell_text(row: pd.Series, name: str) -> str:
     """A value as text: all digits of a count, three and the interval of a measurement, else four."""
     value = row[name]
     if value is None or (not isinstance(value, str) and pd.isna(value)):

@@ -6,28 +6,11 @@ import pandas as pd
 
 from harness.analysis.names import label_of
 from harness.analysis.results import Results
-from harness.report.figures import style
 from harness.report.figures.contenders import intersector_name
+from harness.spec.tracer_facts import listed_tracers, tracer_place
 
-TITLES = {
-    "start_rays": "start",
-    "start_rays_without_grid": "start",
-    "count_pairs": "walk and count",
-    "pack_pairs": "walk and pack",
-    "record_pairs": "walk",
-    "rank_pairs": "rank",
-    "lay_out_bins": "lay out bins",
-    "count_chunks": "count chunks",
-    "lay_out_blocks": "lay out bins",
-    "keep_in_blocks": "compact",
-    "join_blocks": "compact, join",
-    "scatter_pairs": "scatter",
-    "intersect_bins": "intersect",
-    "trace_forward": "forward",
-    "trace_stream": "streamed",
-    "intersect_visited": "work-optimal",
-    "write_hits": "write hits",
-}
+# Kernels that all tracers of a device launch; each tracer's own are among its facts.
+SHARED_KERNELS = {"start_rays": "start", "start_rays_without_grid": "start", "write_hits": "write hits"}
 
 
 def grid_name(grid: dict | None) -> str:
@@ -40,21 +23,26 @@ def grid_name(grid: dict | None) -> str:
 
 
 def kernel_title(name: str) -> str:
-    """A kernel for people; another's name as words."""
-    return TITLES.get(name, name.replace("_", " "))
+    """A kernel for people; one that no tracer states, its name as words."""
+    titles = [one.facts.kernels[name] for one in listed_tracers().values() if name in one.facts.kernels]
+    return next(iter(titles), SHARED_KERNELS.get(name, name.replace("_", " ")))
 
 
-def place_of(runs: Results, row: dict) -> tuple:
+def testing_kernels() -> set[str]:
+    """The kernels that test triangles, for people."""
+    listed = listed_tracers().values()
+    return {kernel_title(name) for one in listed for name in one.facts.test_kernels}
+
+
+def row_place(runs: Results, row: dict) -> tuple:
     """Order of a row: scene as in the paper, uniform grids before adaptive ones, deferred before the others."""
-    tracers = list(style.TRACER_COLOURS)
-    tracer = tracers.index(row["tracer"]) if row.get("tracer") in tracers else len(tracers)
     grid = row["grid"] or {}
     return (
         runs.scene_place(row["scene"]["name"]),
         row["scene"]["name"],
         grid.get("reading") == "adaptive",
         grid_name(row["grid"]),
-        tracer,
+        tracer_place(row.get("tracer", "")),
         row.get("intersector") != "ray-space",
         row.get("variant", ""),
     )
@@ -66,7 +54,7 @@ def kernel_table(runs: Results) -> pd.DataFrame:
     # Of a variant measured with several numbers of rays, the most.
     by_rays = sorted(runs.roofline, key=lambda one: one["rays"]["count"])
     kept = {(row["scene"]["sha256"], grid_name(row["grid"]), row["variant"]): row for row in by_rays}
-    for row in sorted(kept.values(), key=lambda one: place_of(runs, one)):
+    for row in sorted(kept.values(), key=lambda one: row_place(runs, one)):
         count = row["rays"]["count"]
         shared = {
             "scene": runs.title_of(row["scene"]),

@@ -7,11 +7,7 @@ import pandas as pd
 from harness.analysis.names import SAME_WORK
 from harness.analysis.ratios import speedup
 from harness.analysis.results import Results
-
-ORDER = 60
-SECTION = "End to end"
-TITLE = "Ray-space test over Möller–Trumbore, inside the deferred tracer"
-NEEDS = "diffuse runs of the deferred tracer with both intersectors on the same rays and grid"
+from harness.report.entry import Table
 
 
 def select(runs: Results) -> pd.DataFrame:
@@ -47,3 +43,13 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
         "Rate with the ray-space test over rate with Möller–Trumbore, everything else equal, and its "
         f"95 % interval. The paper observes at least {claim['value']}× ({claim['place'].split(':')[0]})."
     )
+
+
+TABLE = Table(
+    name="intersectors",
+    section="End to end",
+    title="Ray-space test over Möller–Trumbore, inside the deferred tracer",
+    needs="diffuse runs of the deferred tracer with both intersectors on the same rays and grid",
+    select=select,
+    caption=caption,
+)

@@ -8,13 +8,10 @@ import pandas as pd
 from harness.analysis.names import three_digits
 from harness.analysis.ratios import rays_note
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
-from harness.report.figures.kernels import kernel_table
+from harness.report.figures.kernel_rows import kernel_table, testing_kernels
 
-ORDER = 72
-SECTION = "Time by stage"
-TITLE = "Kernels under the device's ceilings"
-NEEDS = "rows of 'defray roofline'"
 STAYS = ("between kernels", "outside stages")
 MARKS = (
     (style.SKY, "o"),
@@ -35,7 +32,7 @@ def select(runs: Results) -> pd.DataFrame:
     if table.empty:
         return table
     table = table[table["bytes_per_ray"].notna() & ~table["kernel"].isin(STAYS)].copy()
-    tests = table["kernel"].isin(("intersect", "streamed", "forward", "work-optimal")) & (table["intersector"] != "")
+    tests = table["kernel"].isin(testing_kernels()) & (table["intersector"] != "")
     table["point"] = np.where(tests, table["kernel"] + ", " + table["intersector"], table["kernel"])
     table["flops_per_byte"] = table["flops_per_ray"] / table["bytes_per_ray"]
     table["uncached_flops_per_byte"] = table["flops_per_ray"] / table["uncached_bytes_per_ray"]
@@ -173,3 +170,14 @@ def _strip(axis, rows: pd.DataFrame, marks: dict) -> None:
     style.log_axis(axis.xaxis, low, high, sparse=True)
     axis.tick_params(axis="y", length=0, labelsize=6)
     axis.grid(axis="y")
+
+
+FIGURE = Figure(
+    name="roofline",
+    section="Time by stage",
+    title="Kernels under the device's ceilings",
+    needs="rows of 'defray roofline'",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

@@ -6,11 +6,8 @@ import pandas as pd
 
 from harness.analysis.results import Results
 from harness.data import CLASSES
+from harness.report.entry import Table
 
-ORDER = 80
-SECTION = "Correctness and work"
-TITLE = "Agreement of hits with the reference"
-NEEDS = "any run"
 COUNTS = (*CLASSES, "reference_wrong", "settled", "nonfinite")
 
 
@@ -49,3 +46,13 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
         "Worst band: how far, in units in the last place, the worst wrong, missed or phantom ray is from "
         "being right. A run that is not valid has no rate and is in no figure."
     )
+
+
+TABLE = Table(
+    name="agreement",
+    section="Correctness and work",
+    title="Agreement of hits with the reference",
+    needs="any run",
+    select=select,
+    caption=caption,
+)

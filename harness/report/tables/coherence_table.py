@@ -6,21 +6,15 @@ import pandas as pd
 
 from harness.analysis.results import Results
 from harness.records.coherence_row import Coherence, predicted_ratios
-from harness.report.figures import SHARED
-from harness.report.figures.kernels import grid_name, place_of
+from harness.report.entry import Machines, Table
+from harness.report.figures.kernel_rows import grid_name, row_place
 from harness.stats import ratio
-
-ORDER = 91
-SECTION = "Correctness and work"
-TITLE = "Coherence of rays in vectors"
-NEEDS = "rows of 'defray coherence'"
-MACHINES = SHARED
 
 
 def select(runs: Results) -> pd.DataFrame:
     """One row a scene, grid, width and tracer, counts a ray and a trip; predictions over forward tracing."""
     rows = []
-    for row in sorted(runs.coherence, key=lambda one: place_of(runs, one)):
+    for row in sorted(runs.coherence, key=lambda one: row_place(runs, one)):
         counts = [Coherence(**one) for one in row["counts"]]
         for one in sorted(counts, key=lambda c: c.lanes):
             predicted = predicted_ratios(counts, one.lanes).get(one.model, {})
@@ -50,12 +44,12 @@ def measured_ratios(runs: Results) -> list[str]:
     """`Sponza, grid: predicted, measured` for grids whose intersection was also timed: scalar work-optimal over the
     deferred one on this device's lanes."""
     found = []
-    for row in sorted(runs.coherence, key=lambda one: place_of(runs, one)):
+    for row in sorted(runs.coherence, key=lambda one: row_place(runs, one)):
         timed = {
             kernel["name"]: (other, kernel)
             for other in runs.roofline
             for kernel in other["kernels"]
-            if _work_of(other) == _work_of(row)
+            if _same_work(other) == _same_work(row)
         }
         if not {"intersect_bins", "intersect_visited"} <= set(timed):
             continue
@@ -73,7 +67,7 @@ def measured_ratios(runs: Results) -> list[str]:
     return found
 
 
-def _work_of(row: dict) -> tuple:
+def _same_work(row: dict) -> tuple:
     """What two rows must share to be compared."""
     return row["scene"]["sha256"], grid_name(row["grid"]), row["rays"], row["intersector"]
 
@@ -96,3 +90,14 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
             f"one's: {'; '.join(measured)}."
         )
     return text
+
+
+TABLE = Table(
+    name="coherence",
+    section="Correctness and work",
+    title="Coherence of rays in vectors",
+    needs="rows of 'defray coherence'",
+    machines=Machines.SHARED,
+    select=select,
+    caption=caption,
+)

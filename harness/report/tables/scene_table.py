@@ -5,13 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.analysis.results import Results
-from harness.report.figures import SHARED
-
-ORDER = 100
-SECTION = "Scenes"
-TITLE = "Scenes"
-NEEDS = "any run"
-MACHINES = SHARED
+from harness.report.entry import Machines, Table
 
 
 def select(runs: Results) -> pd.DataFrame:
@@ -34,3 +28,14 @@ def select(runs: Results) -> pd.DataFrame:
 def caption(runs: Results, numbers: pd.DataFrame) -> str:
     """What the digest is of."""
     return "SHA-256 of the triangles as little-endian float32."
+
+
+TABLE = Table(
+    name="scenes",
+    section="Scenes",
+    title="Scenes",
+    needs="any run",
+    machines=Machines.SHARED,
+    select=select,
+    caption=caption,
+)

@@ -10,14 +10,8 @@ from matplotlib.patches import Rectangle
 
 from harness.analysis.names import scene_and_size, short_number
 from harness.analysis.results import Results
-from harness.report.figures import SHARED, style
-
-ORDER = 10
-SECTION = "Figure 1 of the paper"
-TITLE = "Views"
-NEEDS = "any run, and the pictures in views/"
-MACHINES = SHARED
-FILES = ("views/*.png",)
+from harness.report.entry import Figure, Machines
+from harness.report.figures import style
 
 
 def select(runs: Results) -> pd.DataFrame:
@@ -88,3 +82,16 @@ def _panel(axis, row, picture, height: float) -> None:
         axis.add_patch(Rectangle((0, 0), 1, height, facecolor=style.BAND, edgecolor="none"))
         axis.text(0.5, height / 2, "view not\nrendered", ha="center", va="center", color=style.MUTED)
     axis.text(0.5, -0.03, size, ha="center", va="top", color=style.MUTED, transform=axis.transAxes)
+
+
+FIGURE = Figure(
+    name="views",
+    section="Figure 1 of the paper",
+    title="Views",
+    needs="any run, and the pictures in views/",
+    machines=Machines.SHARED,
+    files=("views/*.png",),
+    select=select,
+    caption=caption,
+    draw=draw,
+)

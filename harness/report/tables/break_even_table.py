@@ -6,12 +6,8 @@ import pandas as pd
 
 from harness.analysis.ratios import beside, best, robust_embree
 from harness.analysis.results import Results
+from harness.report.entry import Table
 from harness.stats import BuildAndRate, rays_to_break_even
-
-ORDER = 66
-SECTION = "End to end"
-TITLE = "Build time and rays to break even"
-NEEDS = "diffuse runs of a deferred tracer and of forward or Embree"
 
 
 def select(runs: Results) -> pd.DataFrame:
@@ -85,3 +81,13 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
         "less time than the other; 0: from the first ray, inf: never. Choosing a grid and building one on trial "
         "are not included."
     )
+
+
+TABLE = Table(
+    name="break_even",
+    section="End to end",
+    title="Build time and rays to break even",
+    needs="diffuse runs of a deferred tracer and of forward or Embree",
+    select=select,
+    caption=caption,
+)

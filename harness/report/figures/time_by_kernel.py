@@ -8,13 +8,10 @@ from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from harness.analysis.names import three_digits
 from harness.analysis.ratios import rays_note
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
-from harness.report.figures.kernels import kernel_table
+from harness.report.figures.kernel_rows import kernel_table
 
-ORDER = 71
-SECTION = "Time by stage"
-TITLE = "Time of a ray, kernel by kernel"
-NEEDS = "rows of 'defray roofline'"
 INSIDE = 4.6  # points a character of a label takes in a bar
 
 
@@ -91,3 +88,14 @@ def _panel(axis, rows: pd.DataFrame, narrow: bool) -> None:
     axis.grid(axis="x")
     axis.xaxis.set_major_locator(MaxNLocator(4 if narrow else 8))
     axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+
+
+FIGURE = Figure(
+    name="kernel_times",
+    section="Time by stage",
+    title="Time of a ray, kernel by kernel",
+    needs="rows of 'defray roofline'",
+    select=select,
+    caption=caption,
+    draw=draw,
+)

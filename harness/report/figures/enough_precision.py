@@ -8,13 +8,10 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from harness.analysis.ratios import megarays
 from harness.analysis.results import Results
+from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.report.figures.metrics import METRICS
 
-ORDER = 94
-SECTION = "Speed against accuracy"
-TITLE = "When less is enough"
-NEEDS = "precision.jsonl, which 'defray accuracy --precision' writes"
 COLOURS = (style.BLUE, style.RED, style.GREEN, style.PINK, style.ORANGE)
 MARKERS = {"grid": "o", "precision": "D"}
 FLOOR = 1e-9  # an error of nothing has no place on a logarithmic axis, so less is drawn here
@@ -60,7 +57,7 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
         "the dashed line, half precision is enough."
     )
     for scene, rows in numbers.groupby("scene", sort=False):
-        half = error_of_half(rows)
+        half = half_precision_error(rows)
         noise = rows[rows["knob"] == "samples"]
         if half is not None and len(noise):
             above = noise[noise["error"] > half]["value"].astype(int)
@@ -74,7 +71,7 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
     return text
 
 
-def error_of_half(rows: pd.DataFrame) -> float | None:
+def half_precision_error(rows: pd.DataFrame) -> float | None:
     """Error of the image that half precision makes on one scene; None where it was not measured."""
     found = rows.loc[rows["value"] == "half", "image_error"].dropna()
     return None if found.empty else float(found.iloc[0])
@@ -158,7 +155,7 @@ def _noise(axis, numbers: pd.DataFrame, scenes: list[str]) -> None:
         colour = COLOURS[scenes.index(name) % len(COLOURS)]
         noise = rows[rows["knob"] == "samples"].sort_values("error", ascending=False)
         axis.plot(noise["value"].astype(int), noise["error"], color=colour, marker="o")
-        half = error_of_half(rows)
+        half = half_precision_error(rows)
         if half:
             axis.axhline(half, color=colour, linestyle=(0, (5, 2)), linewidth=1)
             axis.annotate(
@@ -171,3 +168,14 @@ def _noise(axis, numbers: pd.DataFrame, scenes: list[str]) -> None:
                 color=colour,
             )
     style.log_axis(axis.yaxis, *axis.get_ylim())
+
+
+FIGURE = Figure(
+    name="precision",
+    section="Speed against accuracy",
+    title="When less is enough",
+    needs="precision.jsonl, which 'defray accuracy --precision' writes",
+    select=select,
+    caption=caption,
+    draw=draw,
+)
