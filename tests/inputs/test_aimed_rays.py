@@ -115,9 +115,6 @@ def test_hardly_any_shared_edge_ends_in_one_line():
     assert "\n" not in str(caught.value)
 
 
-# ---------------------------------------------------------------- fans
-
-
 def fan(count: int = 6, height: float = 0.2, missing: int = 0) -> np.ndarray:
     """Triangles around the origin of space, seen from -z; `missing` of them are left out."""
     angles = np.arange(count + 1) * 2 * np.pi / count

@@ -48,9 +48,6 @@ def load_text(path, text: str) -> np.ndarray:
     return load_scene(str(path)).triangles
 
 
-# ---------------------------------------------------------------- the TOML file
-
-
 def test_a_toml_file_gives_views_scale_up_axis_and_licence(pyramid):
     scene = pyramid(f'up = "x"\nscale = 0.5\nlicence = "CC BY 4.0"\n{VIEW}fov_degrees = 30\n')
     (view,) = scene.views
@@ -96,9 +93,6 @@ def test_a_faulty_toml_file_is_refused_in_one_line(pyramid, toml, message):
     with pytest.raises(DefrayError) as caught:
         pyramid(toml)
     assert message in str(caught.value) and "\n" not in str(caught.value) and "pyramid" in str(caught.value)
-
-
-# ---------------------------------------------------------------- views found from the geometry
 
 
 def room() -> np.ndarray:
@@ -165,9 +159,6 @@ def test_trace_says_which_view_was_chosen_and_why(tmp_path, device):
     assert "inside (inside, a room: " in console.export_text()
 
 
-# ---------------------------------------------------------------- formats
-
-
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae"])
 def test_every_format_that_can_be_written_gives_its_triangles_in_order(tmp_path, suffix):
     if suffix == "gltf":
@@ -201,9 +192,6 @@ def test_a_format_that_needs_more_software_names_it(tmp_path, suffix, package):
     (tmp_path / f"part.{suffix}").write_bytes(b"anything")
     with pytest.raises(DefrayError, match=f"files need .*{package}"):
         load_scene(str(tmp_path / f"part.{suffix}"))
-
-
-# ---------------------------------------------------------------- many meshes, graphs, polygons
 
 
 def test_a_nested_graph_is_flattened_with_its_transforms_and_mirrors(tmp_path):

@@ -63,9 +63,6 @@ def known(monkeypatch, tmp_path):
     return made
 
 
-# ---------------------------------------------------------------- names
-
-
 @pytest.mark.parametrize(
     ("name", "parts"),
     [
@@ -100,9 +97,6 @@ def test_only_stand_ins_are_enlarged(known, tmp_path):
     for name in ("real@4", str(tmp_path / "ball.npz") + "@4"):
         with pytest.raises(DefrayError, match="only stand-ins are enlarged"):
             load_scene(name)
-
-
-# ---------------------------------------------------------------- triangles
 
 
 def test_four_times_the_triangles_are_the_same_surface():
@@ -158,9 +152,6 @@ def test_too_few_triangles_are_no_scene():
         resized(box((0, 0, 0), (1, 1, 1)).astype(np.float32), "1/64")
 
 
-# ---------------------------------------------------------------- scenes
-
-
 def test_a_rung_shares_the_views_and_says_its_size(known):
     whole, small = load_scene("ball"), load_scene("ball@1/16")
     assert small.name == "ball@1/16" and small.title == "ball@1/16 (stand-in)" and small.views == whole.views
@@ -210,9 +201,6 @@ def test_a_rung_of_other_content_is_made_anew(known, monkeypatch):
     assert load_scene("real@1/4").sha256 != first.sha256
 
 
-# ---------------------------------------------------------------- memory
-
-
 class Memory(NamedTuple):
     """What is asked of a device here."""
 
@@ -241,8 +229,6 @@ def test_a_rung_beyond_the_devices_memory_is_refused_before_it_is_made(known, mo
     with pytest.raises(DefrayError, match="this machine has"):
         check_memory("ball", 10**12, None)
 
-
-# ---------------------------------------------------------------- sweeps
 
 SWEEP = """
 [[tiers.paper.sweeps]]
@@ -275,9 +261,6 @@ def test_a_sweep_with_an_unknown_size_is_refused(known, plan):
         plan('["ball"]', '["1/2"]')
     with pytest.raises(DefrayError, match="sweep 'ladder': real@4: only stand-ins"):
         plan('["real@4"]', '["1"]')
-
-
-# ---------------------------------------------------------------- the figure
 
 
 def test_an_exponent_is_found_with_a_factor_for_each_group():

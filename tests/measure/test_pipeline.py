@@ -177,7 +177,7 @@ def test_a_grid_with_one_reference_removed_is_caught(device):
 
 PROGRAM = """
 import dataclasses, hashlib, sys
-sys.path.insert(0, "tests")
+sys.path.insert(0, "tests/fakes")
 from shapes import soup, random_rays
 from harness.data import Scene
 from harness.engine import trace

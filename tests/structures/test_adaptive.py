@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
-from shapes import aimed_rays, icosphere, lattice_walls, random_rays, soup
-from test_grid import sampled_cells
-from test_tracers import hits_of
+from adaptive_grids import MESHES, SPECS, clumps
+from shapes import icosphere, sampled_cells, soup
+from traced import hits_of, setting_of
 
-from harness.data import Rays, Scene, differing
+from harness.data import differing
 from harness.device.program import build
 from harness.device.runtime import cl
 from harness.spec.structure import GridSpec
@@ -18,69 +16,6 @@ from harness.structures import build_grid
 from harness.structures.adaptive import levels_of, top_shape
 from harness.structures.base import upload_scene
 from harness.studies.stability.walks import _gaps, _interval
-from harness.tracers.prepared import Prepared
-
-SPECS = [
-    GridSpec(0, 16, "adaptive", 0.3),
-    GridSpec(0, 16, "adaptive", 50.0),
-    GridSpec(5, 8, "adaptive", 3.0),
-    GridSpec(7, 1, "adaptive"),
-    GridSpec(1, 128, "adaptive", 200.0),
-]
-
-
-def clumps(count: int = 600) -> np.ndarray:
-    """Small triangles in few places of a large box: mostly empty space, and two densities."""
-    generator = np.random.default_rng(8)
-    centres = generator.random((5, 3)) * 20
-    mesh = soup(count, size=0.2) * np.float32(0.4) + centres[generator.integers(5, size=count), None]
-    return np.concatenate([mesh, soup(40, seed=2, size=0.01) * np.float32(0.02) + centres[0]]).astype(np.float32)
-
-
-def slivers(count: int = 300) -> np.ndarray:
-    """Triangles as long as the scene and thin as a few ulp of it."""
-    generator = np.random.default_rng(9)
-    start, end = generator.random((2, count, 3))
-    near = start + generator.normal(size=(count, 3)) * 10.0 ** generator.uniform(-7, -3, (count, 1))
-    return np.stack([start, end, near], axis=1).astype(np.float32)
-
-
-def on_planes(device, spec=SPECS[1], cells=12) -> np.ndarray:
-    """Squares that lie exactly on planes between the leaf cells of their own grid."""
-    frame = soup(200)
-    grid = build_grid(upload_scene(device, frame), spec)
-    size = grid.cell_size * 2 ** (grid.shape[3] - 1)
-    generator, quads = np.random.default_rng(3), []
-    for axis in np.repeat(np.arange(3), cells):
-        corners = np.empty((4, 3), np.float32)
-        corners[:, axis] = grid.lower[axis] + size[axis] * np.float32(generator.integers(1, 4))
-        low, high = np.sort(generator.random((2, 2)) * 0.8 + 0.1, axis=0)
-        a, b = (axis + 1) % 3, (axis + 2) % 3
-        corners[:, a], corners[:, b] = [low[0], high[0], high[0], low[0]], [low[1], low[1], high[1], high[1]]
-        quads += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
-    return np.concatenate([frame, np.array(quads, np.float32)])
-
-
-MESHES = {
-    "soup": (soup(), random_rays(3000)),
-    "sphere": (icosphere(), aimed_rays(icosphere(), (0.1, 0.05, -0.2), 3000)),
-    "walls": (lattice_walls(), aimed_rays(lattice_walls(), (3.3, 4.1, 4.6), 3000)),
-    "lattice": (lattice_walls(), Rays(
-        np.random.default_rng(1).integers(0, 9, (600, 3)).astype(np.float32),
-        np.random.default_rng(2).integers(-1, 2, (600, 3)).astype(np.float32) + np.float32([0.0, 0.0, 3.0]),
-        np.full(600, np.inf, np.float32)),
-    ),
-    "clumps": (clumps(), aimed_rays(clumps(), (10.1, 9.7, 11.3), 3000)),
-    "slivers": (slivers(), aimed_rays(slivers(), (0.52, 0.47, 0.55), 3000)),
-    "afar": (clumps(), aimed_rays(clumps(), (-140.0, 95.0, 60.0), 3000)),
-    "displaced": (soup() + np.float32(900), random_rays(3000, low=900.0, high=901.0)),
-}  # fmt: skip
-
-
-def setting_of(device, triangles, spec=SPECS[0]) -> Prepared:
-    """A scene on the device with its adaptive grid."""
-    setting = Prepared.on_device(Scene("test", triangles), device)
-    return dataclasses.replace(setting, grid=build_grid(setting.device_scene, spec))
 
 
 def leaf_cells(grid):
@@ -130,9 +65,6 @@ def largest_cube(empty: np.ndarray, place, octant: int) -> int:
 def stated(edge: int) -> int:
     """The longest edge with a code that is not above `edge`."""
     return max(e for e in EDGES if e <= edge)
-
-
-# ---------------------------------------------------------------- what the grid holds
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=str)
@@ -208,9 +140,6 @@ def test_top_cells_are_nearly_cubic_and_follow_the_triangles():
 def test_levels_follow_the_cube_root_of_the_triangles():
     assert levels_of(np.array([0, 1, 8, 64, 512, 10**9]), 1.0, 4).tolist() == [0, 0, 1, 2, 3, 4]
     assert levels_of(np.array([512]), 1 / 8, 4).tolist() == [2]
-
-
-# ---------------------------------------------------------------- the walk
 
 
 def boxes_walked(device, grid, rays, slots=400) -> np.ndarray:
@@ -328,7 +257,7 @@ def test_a_cell_is_passed_over_only_by_rays_that_miss_the_box_of_what_lies_in_it
 
 def test_boxes_too_small_lose_hits(device):
     mesh, rays = MESHES["soup"]
-    setting = setting_of(device, mesh)
+    setting = setting_of(device, mesh, SPECS[0])
     expected = hits_of(setting, rays, "forward")
     leaves = setting.grid.leaves.get()
     leaves[1::2] = 0

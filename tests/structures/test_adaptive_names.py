@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from adaptive_grids import SPECS
 from shapes import soup
-from test_adaptive import SPECS
 
 from harness.errors import DefrayError
 from harness.records.run_row import GridFacts

@@ -146,9 +146,6 @@ def test_an_intersector_that_misses_everything_fails_the_degenerate_scene():
     assert scenes.judge_degenerate(triangles, rays, Hits(*none))["gross"] > 100
 
 
-# ---------------------------------------------------------------- the judge can fail
-
-
 @pytest.fixture
 def aimed():
     """Three rays at the middle of a square of two triangles, and a judge who knows."""
@@ -222,9 +219,6 @@ def test_a_device_without_doubles_is_refused(device, aimed):
         tester.run(find("moller-trumbore-double"))
     names = {entry.name for entry in chosen("all", dataclasses.replace(device, has_double=False))}
     assert DEFAULT in names and "moller-trumbore-double" not in names
-
-
-# ---------------------------------------------------------------- the command
 
 
 def test_the_command_prints_json_and_writes_a_file_that_reads_back(tmp_path):

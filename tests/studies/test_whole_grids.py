@@ -45,9 +45,6 @@ def case(device, family, name, count):
     return FAMILIES[family][name][0].grid(device, SEED), case_rays(family, name, count, SEED)
 
 
-# ---------------------------------------------------------------- the walk
-
-
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_walk_steps_over_no_part_of_a_path(device, family):
     found = walk_family(device, family, 4000, SEED)
@@ -158,9 +155,6 @@ def test_rays_that_walk_together_visit_the_same_cells(device, lanes):
         x, y, z = visited % 128 % 16, visited // 128 % 128 % 16, visited // 128**2 % 16
         numbers = ((z // 2 * 4 + y // 4) * 4 + x // 4) * 32 + z % 2 * 16 + y % 4 * 4 + x % 4
         assert (np.where(used, recorded, -1) == np.where(visited < 0, -1, numbers)).all(), name
-
-
-# ---------------------------------------------------------------- overlap tests and exit rules
 
 
 def test_tracing_a_padded_grid_loses_nothing(device):

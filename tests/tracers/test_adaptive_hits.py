@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from adaptive_grids import MESHES, SPECS, on_planes
 from shapes import REPRESENTATIVE, aimed_rays, random_rays, soup
-from test_adaptive import MESHES, SPECS, on_planes, setting_of
-from test_tracers import GRID_TRACERS, hits_of
+from traced import GRID_TRACERS, hits_of, setting_of
 
 from harness import tracers
 from harness.data import Rays, differing
@@ -62,7 +62,7 @@ def test_walls_on_cell_planes_and_origins_on_them(device):
 @pytest.mark.parametrize("offset", [0.0, 1000.0])
 def test_flat_and_distant_scenes(device, thickness, offset):
     mesh = (soup(3000, size=0.03) * np.float32([1, 1, thickness]) + np.float32(offset)).astype(np.float32)
-    setting = setting_of(device, mesh)
+    setting = setting_of(device, mesh, SPECS[0])
     rays = random_rays(2000, low=offset - 1, high=offset + 2)
     expected = hits_of(setting, rays, "brute")
     assert (expected.primitive >= 0).any()
@@ -91,7 +91,7 @@ def test_counters_are_exact_and_empty_space_costs_few_steps(device):
 def test_hits_written_in_lanes_are_those_written_one_by_one(device):
     """Also u and v, which no tracer computes itself."""
     mesh, rays = MESHES["soup"]
-    setting = setting_of(device, mesh)
+    setting = setting_of(device, mesh, SPECS[0])
     for name in REPRESENTATIVE:
         written = []
         for lanes in (1, 8):

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from shapes import REPRESENTATIVE, icosphere, random_rays, soup
-from test_tracers import SCENES, hits_of, setting_of
+from traced import SCENES, hits_of, setting_of
 
 from harness import tracers
 from harness.data import Rays

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from adaptive_grids import MESHES, SPECS
 from shapes import every_intersector, random_rays, soup
-from test_adaptive import MESHES, SPECS
-from test_adaptive import setting_of as adaptive_setting
-from test_tracers import hits_of, setting_of
+from traced import hits_of, setting_of
 
 from harness import tracers
 from harness.data import Rays
@@ -28,7 +27,7 @@ def at_centres(mesh, count) -> Rays:
 @pytest.mark.parametrize("growth", ["1", "2"])
 def test_options_change_no_bit(device, lanes, wave, streams, growth):
     mesh, rays = MESHES["clumps"]
-    setting = adaptive_setting(device, mesh, SPECS[1])
+    setting = setting_of(device, mesh, SPECS[1])
     options = {"lanes": lanes, "wave": wave, "streams": streams, "growth": growth}
     expected = hits_of(setting, rays, "brute")
     assert (expected.primitive >= 0).any()
@@ -38,7 +37,7 @@ def test_options_change_no_bit(device, lanes, wave, streams, growth):
 @pytest.mark.parametrize("batch", ["64", "1000", "4096"])
 def test_batches_change_no_bit(device, batch):
     mesh, rays = MESHES["soup"]
-    setting = adaptive_setting(device, mesh)
+    setting = setting_of(device, mesh, SPECS[0])
     assert hits_of(setting, rays, "streamed", batch=batch).tobytes() == hits_of(setting, rays, "brute").tobytes()
 
 
@@ -67,7 +66,7 @@ def test_idle_lanes_of_few_rays_are_counted(device):
 
 def test_counts_repeat_and_steps_and_pairs_are_those_of_deferred(device):
     mesh, rays = MESHES["clumps"]
-    setting = adaptive_setting(device, mesh)
+    setting = setting_of(device, mesh, SPECS[0])
     options = {"wave": "4", "growth": "1"}
     streamed, again, deferred = (
         tracers.find(name)(setting, INTERSECTORS["ray-space"], options).count(rays)
@@ -82,7 +81,7 @@ def test_counts_repeat_and_steps_and_pairs_are_those_of_deferred(device):
 def test_one_stream_counts_waves_and_padding_as_deferred_does(device, growth, batch):
     """Its bins hold what those of the other hold at the end of a wave; more streams share them, so they pad more."""
     mesh, rays = MESHES["clumps"]
-    setting = adaptive_setting(device, mesh)
+    setting = setting_of(device, mesh, SPECS[0])
     common = {"wave": "2", "growth": growth, "batch": batch, "lanes": "8"}
 
     def counted(name, **options):

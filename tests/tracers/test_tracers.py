@@ -6,40 +6,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from shapes import REPRESENTATIVE, aimed_rays, every_intersector, icosphere, lattice_walls, random_rays, soup
+from shapes import REPRESENTATIVE, every_intersector, icosphere, lattice_walls, random_rays, soup
+from traced import GRID_TRACERS, SCENES, hits_of, setting_of
 
 from harness import tracers
-from harness.data import Rays, Scene, differing
+from harness.data import Rays, differing
 from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
 from harness.spec.intersectors import INTERSECTORS, LANES
 from harness.spec.structure import GridSpec
-from harness.structures import build_grid
-from harness.tracers.prepared import Prepared
-
-GRID_TRACERS = ("deferred", "streamed", "forward", "work-optimal")
-SCENES = {
-    "soup": (soup(), random_rays(3000)),
-    "sphere": (icosphere(), aimed_rays(icosphere(), (0.1, 0.05, -0.2), 3000)),
-    "walls": (lattice_walls(), aimed_rays(lattice_walls(), (3.3, 4.1, 4.6), 3000)),
-    "lattice": (lattice_walls(), Rays(*(a for a in (
-        np.random.default_rng(1).integers(0, 9, (600, 3)).astype(np.float32),
-        np.random.default_rng(2).integers(-1, 2, (600, 3)).astype(np.float32) + np.float32([0.0, 0.0, 3.0]),
-        np.full(600, np.inf, np.float32)))),
-    ),
-}  # fmt: skip
-
-
-def setting_of(device, triangles, spec=GridSpec(4, 32)) -> Prepared:
-    """A scene on the device with its grid."""
-    setting = Prepared.on_device(Scene("test", triangles), device)
-    return dataclasses.replace(setting, grid=build_grid(setting.device_scene, spec))
-
-
-def hits_of(setting, rays, tracer, intersector="ray-space", **options):
-    """First hits by one variant."""
-    made = tracers.find(tracer)(setting, INTERSECTORS[intersector], options)
-    return made.trace(rays, Stopwatch(setting.device.queue))
 
 
 @pytest.mark.parametrize("intersector", every_intersector())

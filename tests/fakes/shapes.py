@@ -65,3 +65,14 @@ def aimed_rays(triangles: np.ndarray, origin, count: int, seed: int = 3) -> Rays
     directions = a + generator.random((count, 1)) * (b - a) - np.asarray(origin)
     origins = np.broadcast_to(np.asarray(origin, np.float32), (count, 3)).copy()
     return Rays(origins, directions.astype(np.float32), np.full(count, np.inf, np.float32), "file", seed)
+
+
+def sampled_cells(triangles: np.ndarray, grid, samples: int = 60) -> set[tuple]:
+    """(cell, triangle) pairs that points on the triangles certainly fall into."""
+    generator = np.random.default_rng(0)
+    u, v = generator.random((2, samples, len(triangles), 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    corners = triangles.astype(np.float64)
+    points = corners[:, 0] + u * (corners[:, 1] - corners[:, 0]) + v * (corners[:, 2] - corners[:, 0])
+    places = np.floor((points - grid.lower.astype(np.float64)) / grid.cell_size.astype(np.float64)).astype(int)
+    return {(*place, i) for layer in places for i, place in enumerate(layer.tolist())}
