@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import errno
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from typer.testing import CliRunner
 
 from harness.commands.main import app
 from harness.data import Hits, Rays
-from harness.device import program
 from harness.errors import DefrayError
 from harness.records import stability_row as report
 from harness.records.digest import digest_of, sealed
@@ -40,10 +38,10 @@ def smoke_rows(device):
     return list(run_suite(device, chosen("all", device), select(None), "smoke"))
 
 
-def metrics_of(device, name, family, mode="off", **defines):
-    """Metrics of one intersector, with a deliberate mistake where `defines` say so."""
+def metrics_of(device, name, family, mode="off"):
+    """Metrics of one intersector."""
     trial = TRIALS[families()[family].kind](device, families()[family], "smoke")
-    return merge(trial.measure(find(name), mode, **defines))
+    return merge(trial.measure(find(name), mode))
 
 
 def test_every_intersector_runs_every_family_in_both_modes(smoke_rows, device):
@@ -100,26 +98,20 @@ def test_a_folded_origin_fails_far_from_the_world_s_origin(device):
     assert metrics["band_ulp"] > 1000 and not families()["A2"].passes(metrics)
 
 
-def test_a_comparison_that_accepts_nan_fails(device, tmp_path, monkeypatch):
+def test_a_comparison_that_accepts_nan_fails(device, mutate):
     """Written to reject instead of to accept, the test lets NaN through; the driver's comparison is what stops it."""
-    kernels = shutil.copytree(program.KERNELS, tmp_path / "kernels")
-    file = kernels / "intersect" / "ray_space_plain.cl"
-    accepting = "(min(e0, min(e1, e2)) >= 0.0f) | (max(e0, max(e1, e2)) <= 0.0f)"
-    rejecting = "mask_not((min(e0, min(e1, e2)) < 0.0f) & (max(e0, max(e1, e2)) > 0.0f))"
-    source = file.read_text()
-    assert accepting in source and "(sum > 0.0f) | (sum < 0.0f)" in source
-    source = source.replace(accepting, rejecting).replace("(sum > 0.0f) | (sum < 0.0f)", "mask_not(sum == 0.0f)")
-    file.write_text(source)
-    monkeypatch.setattr(program, "KERNELS", kernels)
+    mutate("signs-rejected")
     assert metrics_of(device, "ray-space-plain", "D2")["gross"] == 0
-    broken = metrics_of(device, "ray-space-plain", "D2", ACCEPT_NAN=1)
+    mutate("signs-rejected", "nan-accepted")
+    broken = metrics_of(device, "ray-space-plain", "D2")
     assert broken["nonfinite"] > 0 and broken["gross"] > 0 and not families()["D2"].passes(broken)
 
 
-def test_a_direction_that_is_not_scaled_fails(device):
+def test_a_direction_that_is_not_scaled_fails(device, mutate):
     name = "ray-space-orthonormal"  # whose frame takes the square of the direction's length
     assert metrics_of(device, name, "A4")["gross"] == 0
-    assert metrics_of(device, name, "A4", RAW_DIRECTION=1)["gross"] > 0
+    mutate("direction-not-scaled")
+    assert metrics_of(device, name, "A4")["gross"] > 0
 
 
 def test_spawned_rays_without_an_offset_hit_where_they_start(device):

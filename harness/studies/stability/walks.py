@@ -22,7 +22,6 @@ from harness.spec.structure import GridSpec
 from harness.structures.base import Grid
 from harness.structures.uniform import bricks_per_block, pad_cells
 
-MISTAKES = {"": 0, "accumulated": 1, "zero-ahead": 2}  # of kernels/studies/walk_cells.cl
 FAR = 16  # sizes of the grid; from about 64 on, the rounding of origins exceeds the pad
 _CHUNK = 1 << 21  # visited cells on the host at once
 # An offset or direction in cells takes 2 roundings, a plane's t 2 more, relative to |origin| + resolution.
@@ -65,11 +64,11 @@ def most_steps(spec: GridSpec) -> int:
     return 3 * spec.resolution
 
 
-def walk(device: Device, grid: Grid, rays: Rays, mistake: str = "") -> tuple[np.ndarray, np.ndarray]:
+def walk(device: Device, grid: Grid, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
     """Non-empty leaf cells each ray visits, int32[n,m], -1 beyond its last, and int32[n] its steps.
 
     Cells are numbered (z * resolution + y) * resolution + x. A walk that takes too many steps is cut off one step
-    after the bound. `mistake`: one of MISTAKES.
+    after the bound.
     """
     count, slots = len(rays), most_steps(grid.spec) + 1
     origins, directions = (
@@ -78,8 +77,7 @@ def walk(device: Device, grid: Grid, rays: Rays, mistake: str = "") -> tuple[np.
     )
     visited = cl.array.empty(device.queue, count * slots, np.int32)
     found, steps = (cl.array.empty(device.queue, count, np.int32) for _ in range(2))
-    defines = grid.defines | ({"MISTAKE": MISTAKES[mistake]} if mistake else {})
-    program = build(device, "studies/walk_cells.cl", defines=defines)
+    program = build(device, "studies/walk_cells.cl", defines=grid.defines)
     program.launch("walk_cells", count, *(count, origins, directions, *grid.arguments, slots, visited, found, steps))
     cells, found = visited.get().reshape(count, slots), found.get()
     cells = cells[:, : max(int(found.max()), 1)]
@@ -143,14 +141,14 @@ def _gaps(enter, leave, first, last, speed) -> Coverage:
     return Coverage((gap > 0).sum(axis=1), gap.max(axis=1))
 
 
-def check_walk(device: Device, grid: Grid, rays: Rays, mistake: str = "", pad=None) -> dict:
+def check_walk(device: Device, grid: Grid, rays: Rays, pad=None) -> dict:
     """Walk all rays and count what is lost: rays, leaks (rays with an uncovered stretch), stretches, worst_chord
     (the longest, in cells), steps_over (rays that take more steps than there are planes)."""
     total = {"rays": len(rays), "leaks": 0, "stretches": 0, "worst_chord": 0.0, "steps_over": 0}
     chunk = max(1, _CHUNK // most_steps(grid.spec))
     for first in range(0, len(rays), chunk):
         part = rays[first : first + chunk]
-        visited, steps = walk(device, grid, part, mistake)
+        visited, steps = walk(device, grid, part)
         found = coverage(grid, part, visited, pad)
         total["leaks"] += int((found.stretches > 0).sum())
         total["stretches"] += int(found.stretches.sum())
@@ -309,17 +307,17 @@ def walk_cases(name: str, rays: int) -> dict[str, int]:
     return {case: max(1, round(rays * weight / total)) for case, weight in weights.items()}
 
 
-def walk_family(device: Device, name: str, rays: int, seed: int, mistake: str = "") -> dict:
+def walk_family(device: Device, name: str, rays: int, seed: int) -> dict:
     """Check the walk on about `rays` rays of family `name`, "G1" or "G2".
 
     Returns {"rays", "leaks": rays with a stretch of path that no visited cell covers, "worst_chord": the longest
     such stretch in cells, "steps_over": rays with more than 3 steps per cell along an axis, "cases"}, the last by
-    name of the case. A `mistake` of MISTAKES is for the tests of this check.
+    name of the case.
     """
     found = {}
     for case, count in walk_cases(name, rays).items():
         grid = FAMILIES[name][case][0].grid(device, seed)
-        found[case] = check_walk(device, grid, case_rays(name, case, count, seed), mistake)
+        found[case] = check_walk(device, grid, case_rays(name, case, count, seed))
     sums = {key: sum(case[key] for case in found.values()) for key in ("rays", "leaks", "steps_over")}
     return {**sums, "worst_chord": max(case["worst_chord"] for case in found.values()), "cases": found}
 
