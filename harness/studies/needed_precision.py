@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,7 +22,6 @@ from harness.spec import intersectors
 from harness.spec.run_spec import Variant
 from harness.spec.structure import GridSpec
 from harness.structures import build_grid
-from harness.studies.errors_and_leaks import Tell
 from harness.tracers import check_variant
 from harness.tracers.base import Tracer
 from harness.tracers.prepared import Prepared
@@ -35,6 +34,7 @@ MANY = 256  # of the image that the others are compared with
 IMAGE = (120, 90)  # pixels
 TOGETHER = 32  # turns of occlusion rays traced at once
 SEED = 1
+Tell = Callable[[str, float], None]  # what is being done, and how much of the scene is
 
 
 def half_precision(triangles: np.ndarray) -> np.ndarray:
