@@ -48,6 +48,22 @@ def lattice_walls(cells: int = 8) -> np.ndarray:
     return np.array(quads, np.float32)
 
 
+def clumps(count: int = 600) -> np.ndarray:
+    """Small triangles in few places of a large box: mostly empty space, and two densities."""
+    generator = np.random.default_rng(8)
+    centres = generator.random((5, 3)) * 20
+    mesh = soup(count, size=0.2) * np.float32(0.4) + centres[generator.integers(5, size=count), None]
+    return np.concatenate([mesh, soup(40, seed=2, size=0.01) * np.float32(0.02) + centres[0]]).astype(np.float32)
+
+
+def slivers(count: int = 300) -> np.ndarray:
+    """Triangles as long as the scene and thin as a few ulp of it."""
+    generator = np.random.default_rng(9)
+    start, end = generator.random((2, count, 3))
+    near = start + generator.normal(size=(count, 3)) * 10.0 ** generator.uniform(-7, -3, (count, 1))
+    return np.stack([start, end, near], axis=1).astype(np.float32)
+
+
 def random_rays(count: int, seed: int = 11, low=0.0, high=1.0) -> Rays:
     """Origins uniform in a cube, directions normal in each component."""
     generator = np.random.default_rng(seed)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
-from shapes import aimed_rays, icosphere, lattice_walls, random_rays, soup
+from shapes import aimed_rays, clumps, icosphere, lattice_walls, random_rays, slivers, soup
 
 from harness import tracers
-from harness.data import Rays, Scene
+from harness.data import Hits, Rays, Scene
 from harness.device.stopwatch import Stopwatch
 from harness.spec.intersectors import INTERSECTORS
 from harness.spec.structure import GridSpec
@@ -33,13 +34,38 @@ SCENES = {
 }
 
 
+# Also those that are hard for a grid that follows the scene.
+MESHES = {
+    **SCENES,
+    "clumps": (clumps(), aimed_rays(clumps(), (10.1, 9.7, 11.3), 3000)),
+    "slivers": (slivers(), aimed_rays(slivers(), (0.52, 0.47, 0.55), 3000)),
+    "afar": (clumps(), aimed_rays(clumps(), (-140.0, 95.0, 60.0), 3000)),
+    "displaced": (soup() + np.float32(900), random_rays(3000, low=900.0, high=901.0)),
+}
+
+
 def setting_of(device, triangles, spec=GridSpec(4, 32)) -> Prepared:
     """A scene on the device with its grid."""
     setting = Prepared.on_device(Scene("test", triangles), device)
     return dataclasses.replace(setting, grid=build_grid(setting.device_scene, spec))
 
 
+@functools.cache
+def shared_setting(device, name: str, spec=GridSpec(4, 32)) -> Prepared:
+    """Scene `name` of MESHES on the device with its grid, made once for all tests, which must not change it."""
+    return setting_of(device, MESHES[name][0], spec)
+
+
 def hits_of(setting, rays, tracer, intersector="ray-space", **options):
     """First hits by one variant."""
     made = tracers.find(tracer)(setting, INTERSECTORS[intersector], options)
     return made.trace(rays, Stopwatch(setting.device.queue))
+
+
+@functools.cache
+def brute_hits(device, name: str, intersector="ray-space", **options) -> Hits:
+    """Brute force's hits of the rays of scene `name`, traced once for all tests, which cannot change them."""
+    hits = hits_of(shared_setting(device, name), MESHES[name][1], "brute", intersector, **options)
+    for array in (hits.t, hits.primitive, hits.u, hits.v):
+        array.flags.writeable = False
+    return hits

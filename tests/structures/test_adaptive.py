@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from adaptive_grids import MESHES, SPECS, clumps
-from shapes import icosphere, sampled_cells, soup
-from traced import hits_of, setting_of
+from adaptive_grids import SPECS
+from shapes import clumps, icosphere, sampled_cells, soup
+from traced import MESHES, hits_of, setting_of, shared_setting
 
 from harness.data import differing
 from harness.device.program import build
@@ -70,8 +70,7 @@ def stated(edge: int) -> int:
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", ["soup", "sphere", "walls", "clumps"])
 def test_every_point_of_every_triangle_lies_in_a_cell_that_references_it(device, name, spec):
-    mesh = MESHES[name][0]
-    grid = build_grid(upload_scene(device, mesh), spec)
+    mesh, grid = MESHES[name][0], shared_setting(device, name, spec).grid
     start, references = grid.cell_start.get(), grid.references.get()
     held = {}
     for cell, box in leaf_boxes(grid).items():
@@ -180,8 +179,7 @@ def uncovered(grid, rays, boxes) -> np.ndarray:
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", MESHES)
 def test_the_walk_steps_over_no_part_of_a_path(device, name, spec):
-    mesh, rays = MESHES[name]
-    grid = build_grid(upload_scene(device, mesh), spec)
+    grid, rays = shared_setting(device, name, spec).grid, MESHES[name][1]
     rays = rays[:500]
     boxes = boxes_walked(device, grid, rays, 1500)
     assert uncovered(grid, rays, boxes).sum() == 0
@@ -220,8 +218,7 @@ def content_boxes(grid) -> dict[int, tuple[np.ndarray, np.ndarray]]:
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", ["soup", "sphere", "walls", "clumps", "slivers"])
 def test_the_box_of_a_cell_holds_all_of_its_triangles_in_the_cell(device, name, spec):
-    mesh = MESHES[name][0]
-    grid = build_grid(upload_scene(device, mesh), spec)
+    mesh, grid = MESHES[name][0], shared_setting(device, name, spec).grid
     generator = np.random.default_rng(1)
     weights = generator.dirichlet([0.5] * 3, (len(mesh), 40))
     points = np.einsum("tpc,tcx->tpx", weights, mesh.astype(np.float64))
@@ -238,8 +235,7 @@ def test_the_box_of_a_cell_holds_all_of_its_triangles_in_the_cell(device, name, 
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", MESHES)
 def test_a_cell_is_passed_over_only_by_rays_that_miss_the_box_of_what_lies_in_it(device, name, spec):
-    mesh, rays = MESHES[name]
-    grid, rays = build_grid(upload_scene(device, mesh), spec), rays[:300]
+    grid, rays = shared_setting(device, name, spec).grid, MESHES[name][1][:300]
     walked, boxes, pad = boxes_walked(device, grid, rays, 1500), content_boxes(grid), pad_in_cells(grid)
     passed = (walked[:, :, 4] >= 0) & (walked[:, :, 5] < 0) & (walked[:, :, 3] > 0)
     assert ((walked[:, :, 5] < 0) | (walked[:, :, 5] == walked[:, :, 4])).all()

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from adaptive_grids import MESHES, SPECS, on_planes
+from adaptive_grids import SPECS, on_planes
 from shapes import REPRESENTATIVE, aimed_rays, random_rays, soup
-from traced import GRID_TRACERS, hits_of, setting_of
+from traced import GRID_TRACERS, MESHES, brute_hits, hits_of, setting_of, shared_setting
 
 from harness import tracers
 from harness.data import Rays, differing
@@ -19,10 +19,9 @@ from harness.spec.structure import GridSpec
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", MESHES)
 def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, spec):
-    mesh, rays = MESHES[name]
-    setting = setting_of(device, mesh, spec)
+    setting, rays = shared_setting(device, name, spec), MESHES[name][1]
     for intersector in ("ray-space", "havel-herout"):
-        expected = hits_of(setting, rays, "brute", intersector)
+        expected = brute_hits(device, name, intersector)
         assert (expected.primitive >= 0).any()
         for tracer in GRID_TRACERS:
             assert hits_of(setting, rays, tracer, intersector).tobytes() == expected.tobytes(), tracer
@@ -33,10 +32,9 @@ def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, spec):
 @pytest.mark.parametrize("lanes", ["1", "4", "8", "16"])
 @pytest.mark.parametrize("copied", ["index", "copy"])
 def test_options_of_the_deferred_tracer_change_no_bit(device, arrange, wave, lanes, copied):
-    mesh, rays = MESHES["clumps"]
-    setting = setting_of(device, mesh, SPECS[1])
     options = {"arrange": arrange, "wave": wave, "lanes": lanes, "pairs": copied, "growth": "2"}
-    assert hits_of(setting, rays, "deferred", **options).tobytes() == hits_of(setting, rays, "brute").tobytes()
+    hits = hits_of(shared_setting(device, "clumps", SPECS[1]), MESHES["clumps"][1], "deferred", **options)
+    assert hits.tobytes() == brute_hits(device, "clumps").tobytes()
 
 
 def test_walls_on_cell_planes_and_origins_on_them(device):
@@ -90,8 +88,7 @@ def test_counters_are_exact_and_empty_space_costs_few_steps(device):
 
 def test_hits_written_in_lanes_are_those_written_one_by_one(device):
     """Also u and v, which no tracer computes itself."""
-    mesh, rays = MESHES["soup"]
-    setting = setting_of(device, mesh, SPECS[0])
+    setting, rays = shared_setting(device, "soup", SPECS[0]), MESHES["soup"][1]
     for name in REPRESENTATIVE:
         written = []
         for lanes in (1, 8):
