@@ -164,7 +164,7 @@ def test_a_fan_smaller_than_rounding_is_not_kept():
 
 
 def test_positions_that_share_a_hash_are_told_apart(monkeypatch):
-    monkeypatch.setattr("harness.inputs.aimed_rays._hash", lambda points: np.zeros(len(points), np.uint64))
+    monkeypatch.setattr("harness.inputs.aimed_rays.hash_positions", lambda points: np.zeros(len(points), np.uint64))
     assert closed(fan(), (0, 0, 0), (0, 0, 0))
     position, corner = CornerIndex(fan()).around(np.array([[0, 0, 0], [7, 7, 7]], np.float32))
     assert position.tolist() == [0] * 6 and (corner % 3 == 0).all()

@@ -8,6 +8,7 @@ import io
 import shutil
 import socket
 import tarfile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -250,7 +251,7 @@ def test_no_network_is_one_line_that_names_the_stand_ins(place, monkeypatch):
 
 
 def test_too_little_room_is_said_before_the_download(place, server, monkeypatch):
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 5, 5))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(total=10, used=5, free=5))
     message = place.refused(place.archive(WHOLE))
     assert "small.zip needs 0 MB in" in message and "0 MB are free" in message and not server.asked
 

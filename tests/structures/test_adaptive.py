@@ -15,7 +15,7 @@ from harness.spec.structure import GridSpec
 from harness.structures import build_grid
 from harness.structures.adaptive import levels_of, top_shape
 from harness.structures.base import upload_scene
-from harness.studies.stability.walks import _gaps, _interval
+from harness.studies.stability.walks import box_interval, uncovered_stretches
 
 
 def leaf_cells(grid):
@@ -162,18 +162,18 @@ def uncovered(grid, rays, boxes) -> np.ndarray:
     origin = (rays.origins.astype(np.float64) - grid.lower) * inverse
     direction = rays.directions.astype(np.float64) * inverse
     pad = np.broadcast_to(pad_in_cells(grid), origin.shape)
-    # _interval takes one size for all axes: the path in a box of three sizes is the one common to three such boxes.
+    # box_interval takes one size for all axes; the path in a box of three sizes is common to three such boxes.
     first, last = -np.inf, np.inf
     for axis in range(3):
         chosen, size = np.arange(3) == axis, resolution[axis]
         place, towards = np.where(chosen, origin, size / 2), np.where(chosen, direction, 0)
-        near, far = _interval([np.zeros((len(rays), 1))] * 3, size, place, towards, -pad)
+        near, far = box_interval([np.zeros((len(rays), 1))] * 3, size, place, towards, -pad)
         first, last = np.maximum(first, near[:, 0]), np.minimum(last, far[:, 0])
     low = [boxes[:, :, axis] for axis in range(3)]
-    enter, leave = _interval(low, boxes[:, :, 3], origin, direction, pad)
+    enter, leave = box_interval(low, boxes[:, :, 3], origin, direction, pad)
     enter[boxes[:, :, 3] == 0] = leave[boxes[:, :, 3] == 0] = -np.inf
     speed = np.sqrt((direction * direction).sum(axis=1))
-    return _gaps(enter, leave, np.maximum(first, 0), last, speed).stretches
+    return uncovered_stretches(enter, leave, np.maximum(first, 0), last, speed).stretches
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=str)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import errno
 import json
+import resource
 
 import numpy as np
 import pytest
@@ -257,15 +257,16 @@ def test_a_folder_that_cannot_be_written_is_refused_before_measuring(tmp_path):
         report.ResultsFile(tmp_path / "file" / "below", {}, {})
 
 
-def test_a_disk_that_fills_up_meanwhile_is_one_line(tmp_path, monkeypatch):
+def test_a_disk_that_fills_up_meanwhile_is_one_line(tmp_path):
     file = report.ResultsFile(tmp_path, {"device": "one"}, {"off": False, "on": True})
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("pathlib.Path.write_text", full)
-    with pytest.raises(DefrayError, match=r"cannot write .*stability.json: No space left"):
-        file.add([ROW_ON_FILE])
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))  # bytes that a file may have
+    try:
+        with pytest.raises(DefrayError, match=r"cannot write .*stability.json: File too large"):
+            file.add([ROW_ON_FILE])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert report.read_results(tmp_path) is None
 
 
 @pytest.mark.parametrize(

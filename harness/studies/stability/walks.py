@@ -96,22 +96,22 @@ def coverage(grid: Grid, rays: Rays, visited: np.ndarray, pad: np.ndarray | None
     direction = rays.directions.astype(np.float64) * inverse
     pad = pad_cells(grid.spec, grid.cell_size)[:3].astype(np.float64) if pad is None else np.asarray(pad)
     grown = pad + _ROUNDING * (np.abs(origin) + size)
-    first, last = _interval([np.zeros((len(rays), 1))] * 3, size, origin, direction, -grown)
+    first, last = box_interval([np.zeros((len(rays), 1))] * 3, size, origin, direction, -grown)
     first, last = np.maximum(first[:, 0], 0), last[:, 0]
     low = [visited % size, visited // size % size, visited // size**2]
-    enter, leave = _interval(low, 1, origin, direction, grown)
+    enter, leave = box_interval(low, 1, origin, direction, grown)
     enter[visited < 0] = leave[visited < 0] = -np.inf
     top, part = grid.spec.top, grid.spec.leaf_per_top
     empty = np.flatnonzero(grid.top_block.get() < 0)
     if len(empty):
         low = [(part * axis)[None] for axis in (empty % top, empty // top % top, empty // top**2)]
-        more = _interval(low, part, origin, direction, grown)
+        more = box_interval(low, part, origin, direction, grown)
         enter, leave = np.hstack([enter, more[0]]), np.hstack([leave, more[1]])
     speed = np.sqrt((direction * direction).sum(axis=1))
-    return _gaps(enter, leave, first, last, speed)
+    return uncovered_stretches(enter, leave, first, last, speed)
 
 
-def _interval(low, size: int, origin, direction, pad) -> tuple[np.ndarray, np.ndarray]:
+def box_interval(low, size: int, origin, direction, pad) -> tuple[np.ndarray, np.ndarray]:
     """t at which rays enter and leave boxes [low - pad, low + size + pad], float64[n,m]; -inf, -inf for a miss.
 
     `low`: three arrays [n,m] or [1,m]; `origin`, `direction`, `pad`: float64[n,3], in cells.
@@ -130,7 +130,7 @@ def _interval(low, size: int, origin, direction, pad) -> tuple[np.ndarray, np.nd
     return np.where(missed, -np.inf, enter), np.where(missed, -np.inf, leave)
 
 
-def _gaps(enter, leave, first, last, speed) -> Coverage:
+def uncovered_stretches(enter, leave, first, last, speed) -> Coverage:
     """Stretches of [first, last] outside the union of the intervals [enter, leave]."""
     order = np.argsort(enter, axis=1, kind="stable")
     enter, leave = np.take_along_axis(enter, order, 1), np.take_along_axis(leave, order, 1)
