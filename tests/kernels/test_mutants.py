@@ -23,7 +23,7 @@ def test_a_patch_applies_and_changes_a_kernel(tmp_path, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_patch_is_used_by_a_test(name):
-    tests = [file.read_text() for file in Path(__file__).parent.glob("*/test_*.py")]
+    tests = [file.read_text() for file in Path(__file__).parents[1].glob("*/test_*.py")]
     assert any(re.search(rf'mutate\([^)]*"{name}"', text) for text in tests)
 
 
