@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 
 from harness.data import Rays
 from harness.spec.intersectors import INTERSECTORS
@@ -28,8 +29,6 @@ def soup(count: int = 400, seed: int = 5, size: float = 0.3) -> np.ndarray:
 
 def icosphere(divisions: int = 3, radius: float = 1.0, centre=(0.0, 0.0, 0.0)) -> np.ndarray:
     """A closed, nearly round mesh."""
-    import trimesh
-
     mesh = trimesh.creation.icosphere(subdivisions=divisions, radius=radius)
     return np.ascontiguousarray(mesh.triangles + np.array(centre), np.float32)
 

@@ -12,6 +12,7 @@ from harness.device.opened import Device
 from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
 from harness.inputs.aimed_rays import MOST_T, CornerIndex, aimed_rays, closed_fans, leaked
+from harness.inputs.scenes import load_scene
 from harness.reference.oracle import Oracle
 from harness.spec import intersectors
 from harness.tracers.prepared import Prepared
@@ -85,8 +86,6 @@ def test_the_exact_oracle_stops_a_sample(sphere, aimed):
 
 @pytest.mark.slow
 def test_the_exact_oracle_stops_aimed_rays_in_sponza():
-    from harness.inputs.scenes import load_scene
-
     scene = load_scene("sponza")
     aimed, oracle = aimed_rays(scene, 3_000, seed=3), Oracle(scene.triangles)
     for row in range(len(aimed)):

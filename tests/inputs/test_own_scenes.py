@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import io
+import zipfile
 
 import numpy as np
 import pytest
 import trimesh
+from rich.console import Console
 from shapes import icosphere
 
 from harness import trace
+from harness.commands.console import record_table
 from harness.data import Rays
 from harness.device.machine import machine_description
 from harness.errors import DefrayError
 from harness.inputs.rays import image_rays
 from harness.inputs.scenes import load_scene
 from harness.inputs.viewpoints import find_views
+from harness.measure.pipeline import run_group
+from harness.records.origin import finish
 from harness.reference.embree_scene import EmbreeScene
 from harness.reference.exact import zero_area
+from harness.spec.run_spec import RunSpec, Variant
 from harness.spec.structure import GridSpec
 from scenes.shapes import box, sphere, tubes
 
@@ -142,14 +148,6 @@ def test_a_scene_of_one_point_still_loads(tmp_path):
 
 
 def test_trace_says_which_view_was_chosen_and_why(tmp_path, device):
-    from rich.console import Console
-
-    from harness.commands.console import record_table
-    from harness.measure.pipeline import run_group
-    from harness.records.origin import finish
-    from harness.spec.run_spec import RunSpec, Variant
-    from harness.spec.structure import GridSpec
-
     np.savez(tmp_path / "room.npz", vertices=room().reshape(-1, 3), faces=np.arange(len(room()) * 3).reshape(-1, 3))
     variant = Variant(tracer="forward", intersector="ray-space")
     spec = RunSpec(scene=str(tmp_path / "room.npz"), variant=variant, grid=GridSpec(2, 8), rays=100, repetitions=1)
@@ -170,8 +168,6 @@ def test_every_format_that_can_be_written_gives_its_triangles_in_order(tmp_path,
 
 
 def test_an_archive_of_a_mesh_is_read(tmp_path):
-    import zipfile
-
     with zipfile.ZipFile(tmp_path / "mesh.zip", "w") as archive:
         archive.writestr("mesh.off", trimesh.Trimesh(POINTS, FACES, process=False).export(file_type="off"))
     assert np.array_equal(load_scene(str(tmp_path / "mesh.zip")).triangles, TRIANGLES)

@@ -23,10 +23,12 @@ from harness.inputs.rays import image_rays
 from harness.inputs.scenes import expected_triangles, load_scene
 from harness.inputs.sizes import clustered, decimated, resized, subdivided, welded
 from harness.inputs.viewpoints import find_views
+from harness.measure.scene import shared_scene
 from harness.reference.embree_scene import EmbreeScene
 from harness.report.figures import size_ladder
 from harness.spec.run_spec import split_size
 from harness.stats import exponent
+from scenes import hairball
 from scenes.shapes import areas, box, quad
 
 BALL = icosphere(5)  # 20,480 triangles
@@ -179,8 +181,6 @@ def test_a_generator_that_makes_smaller_scenes_itself_is_asked(known, monkeypatc
 
 @pytest.mark.parametrize("size", ["1/64", "1/16", "1/4"])
 def test_hairballs_smaller_rungs_are_hair_of_the_same_opacity(size):
-    from scenes import hairball
-
     small = hairball.smaller(1, float(ladder_module.SIZES[size]))
     assert len(small) == hairball.RECIPE.triangles * ladder_module.SIZES[size]
     assert small.dtype == np.float32 and np.abs(small).max() < 1.2
@@ -217,8 +217,6 @@ def test_large_rungs_are_announced(monkeypatch, tmp_path):
 
 
 def test_a_rung_beyond_the_devices_memory_is_refused_before_it_is_made(known, monkeypatch):
-    from harness.measure.scene import shared_scene
-
     small = Memory("a small device", 10**6, 10**9)
     with pytest.raises(DefrayError, match=r"ball@4 of about 81,920 triangles needs .* a small device has 0\.0 GiB"):
         shared_scene("ball@4", small)

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+import trimesh
 from shapes import icosphere, random_rays, soup
 
 import harness
@@ -37,8 +38,6 @@ VARIANTS = ("deferred:ray-space", "forward:ray-space", "work-optimal:ray-space",
 
 @pytest.fixture
 def mesh_file(tmp_path):
-    import trimesh
-
     file = tmp_path / "ball.ply"
     ball = icosphere(3)
     trimesh.Trimesh(ball.reshape(-1, 3), np.arange(3 * len(ball)).reshape(-1, 3), process=False).export(file)
