@@ -42,9 +42,10 @@ test-all: lint ## every test
 bench: setup ## time the stages with pytest-benchmark
 	@$(PYTHON) -m pytest -q tests/bench --benchmark-only
 
-lint: setup ## ruff
+lint: setup ## style, and imports that go down the floors
 	@$(PYTHON) -m ruff check --quiet .
 	@$(PYTHON) -m ruff format --check --quiet .
+	@broken=$$(.venv/bin/lint-imports --no-cache --no-logo 2>&1) || { echo "$$broken" >&2; exit 1; }
 
 packages: ## make .venv alone, without a device: enough to draw
 	@bash scripts/setup.sh --without-device

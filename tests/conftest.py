@@ -6,7 +6,9 @@ import os
 
 import pytest
 from made_up_report import drawn  # noqa: F401  (a fixture)
+from mutants import kernels_with
 
+from harness.device import program
 from harness.device.opened import Probe, default_order, open_device, probe_all
 
 
@@ -46,3 +48,11 @@ def fresh_cache(_cache_folder, monkeypatch):
     """A cache folder that was empty when the tests began; other tests keep the user's cache, to stay quick."""
     monkeypatch.setenv("DEFRAY_CACHE", str(_cache_folder))
     return _cache_folder
+
+
+@pytest.fixture
+def mutate(tmp_path, monkeypatch):
+    """`mutate("name", ...)`: from then on kernels are built with these patches of tests/mutants, and no others."""
+    return lambda *names: monkeypatch.setattr(
+        program, "KERNELS", kernels_with(tmp_path / "-".join(["with", *names]), *names)
+    )

@@ -13,6 +13,7 @@ from pathlib import Path
 from harness.device.runtime import SYSTEM_VENDORS, cl, environment_vendors
 from harness.errors import DefrayError
 
+PROBE = Path(__file__).with_name("probe.py")  # run in a process of its own
 PROBE_SECONDS = 120  # a first compile on a loaded machine takes seconds, a hung runtime for ever
 REMEDY = (
     "install PoCL ('apt-get install pocl-opencl-icd' on Debian and Ubuntu, as root), or run "
@@ -105,8 +106,8 @@ def probe_all() -> list[Probe]:
 
 
 def _ask(*arguments: str) -> tuple[object, str]:
-    """Answer of harness/device/probe.py and the failure; one of the two is None or empty."""
-    command = [sys.executable, "-P", str(Path(__file__).with_name("probe.py")), *arguments]
+    """Answer of PROBE and the failure; one of the two is None or empty."""
+    command = [sys.executable, "-P", str(PROBE), *arguments]
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, errors="replace", timeout=PROBE_SECONDS, check=False

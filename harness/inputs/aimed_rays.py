@@ -122,7 +122,7 @@ class CornerIndex:
         self._hashes = np.empty(3 * len(triangles), np.uint32)
         for first in range(0, len(triangles), _CHUNK):
             part = triangles[first : first + _CHUNK].reshape(-1, 3)
-            self._hashes[3 * first : 3 * first + len(part)] = _hash(part) >> np.uint64(32)
+            self._hashes[3 * first : 3 * first + len(part)] = hash_positions(part) >> np.uint64(32)
 
     def around(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Every corner at one of m distinct positions float32[m,3]: (int64 position, int64 corner 3 i + k).
@@ -132,7 +132,7 @@ class CornerIndex:
         keys = _bits(positions)
         flags = np.zeros(1 << _FLAGS, bool)
         shift = np.uint32(32 - _FLAGS)
-        flags[(_hash(positions) >> np.uint64(32)).astype(np.uint32) >> shift] = True
+        flags[(hash_positions(positions) >> np.uint64(32)).astype(np.uint32) >> shift] = True
         corners = np.concatenate(
             [
                 first + np.flatnonzero(flags[self._hashes[first : first + 3 * _CHUNK] >> shift])
@@ -154,7 +154,7 @@ def _words(points: np.ndarray) -> np.ndarray:
     return (np.ascontiguousarray(points, np.float32) + np.float32(0)).view(np.uint32)
 
 
-def _hash(points: np.ndarray) -> np.ndarray:
+def hash_positions(points: np.ndarray) -> np.ndarray:
     """uint64[n] of float32[n,3]: the three words mixed by odd multipliers (SplitMix64's constants)."""
     words = _words(points).astype(np.uint64)
     mixed = words[:, 0] * np.uint64(0x9E3779B97F4A7C15)

@@ -18,12 +18,7 @@ kernel void test_pairs(const int count, global const int *ray_of_pair, global co
     for (int lane = 0; lane < LANES; ++lane) {
         const int pair = min(first + lane, count - 1);
         const int i = ray_of_pair[pair];
-#ifdef RAW_DIRECTION
-        const Ray r = {origins[3 * i], origins[3 * i + 1], origins[3 * i + 2], t_max[i],
-                       directions[3 * i], directions[3 * i + 1], directions[3 * i + 2], 0};
-#else
         const Ray r = scaled_ray(vload3(i, origins), vload3(i, directions), t_max[i]);
-#endif
         field[0][lane] = r.ox, field[1][lane] = r.oy, field[2][lane] = r.oz;
         field[3][lane] = r.dx, field[4][lane] = r.dy, field[5][lane] = r.dz;
         field[6][lane] = r.t_max;

@@ -28,6 +28,7 @@ def ball(device) -> Prepared:
 
 def test_build_the_grid(benchmark, ball):
     grid = benchmark.pedantic(lambda: structures.build(ball.device_scene, SPEC), warmup_rounds=1, rounds=5)
+    assert grid.describe()["references"] >= len(ball.scene)
     benchmark.extra_info.update(grid.describe())
 
 

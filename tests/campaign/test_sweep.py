@@ -6,100 +6,18 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from made_up_record import MACHINE
+from made_up_sweep import TIER, body_of, fake_run_group, ids_on_file, start
 from rich.console import Console
-from test_record_file import MACHINE, make_body
 
 from harness.campaign import plan
 from harness.campaign import sweeps as sweep
 from harness.errors import DefrayError
-from harness.records.record_file import RecordFile
-from harness.spec.run_spec import RunSpec, Variant
+from harness.spec.run_spec import Variant
 from harness.spec.structure import Uniform
 from harness.studies.runs import shuffled_groups
 
 ROOT = Path(__file__).resolve().parents[2]
-TIER = """
-[tiers.small]
-about = "a test"
-[[tiers.small.sweeps]]
-name = "one"
-scenes = ["sponza", "conference"]
-grids = ["8/32", "8/64"]
-rays = "64k"
-variants = ["deferred:ray-space", "deferred:ray-space:wave=8", "embree"]
-repetitions = 2
-"""
-
-
-# ---------------------------------------------------------------- a fake pipeline
-
-
-def body_of(spec: RunSpec, valid: bool = True) -> dict:
-    """What the pipeline would yield for `spec`."""
-    body, variant = make_body(), spec.variant
-    body |= {"tracer": variant.tracer, "intersector": variant.intersector, "options": variant.options}
-    body["scene"]["name"] = spec.scene
-    body["samples"]["total"] = [0.1] * spec.repetitions
-    if not valid:
-        body |= {"valid": False, "rate": {"traverse": None, "intersect": None, "total": None}}
-        body["agreement"]["missed"] = 3
-    return body
-
-
-def fake_run_group(specs, scenes, report=None):
-    """Yield a body per spec, last one first."""
-    for number, spec in enumerate(reversed(specs)):
-        report(SimpleNamespace(spec=spec, stage="repetition 1 of 2", done=number / len(specs)))
-        yield spec, body_of(spec)
-
-
-def install_fakes(monkeypatch, run_group=fake_run_group) -> None:
-    """Put fakes in place of the pipeline, the device and the scenes."""
-    replaced = {
-        "studies.runs.run_group": run_group,
-        "commands.measuring.run_group": run_group,
-        "campaign.sweeps.open_device": lambda part: None,
-        "commands.reproduce.open_device": lambda part: None,
-        "commands.measuring.open_device": lambda part: None,
-        "commands.views.open_device": lambda part: None,
-        "campaign.executors.machine_description": lambda device: dict(MACHINE),
-        "studies.runs.machine_description": lambda device: dict(MACHINE),
-        "commands.measuring.machine_description": lambda device: dict(MACHINE),
-        "campaign.executors.environment_description": lambda device: dict(MACHINE),
-        "commands.scenes.list_scenes": list,
-    }
-    for name, value in replaced.items():
-        monkeypatch.setattr(f"harness.{name}", value)
-
-
-@pytest.fixture
-def fakes(monkeypatch):
-    install_fakes(monkeypatch)
-    return lambda run_group: install_fakes(monkeypatch, run_group)
-
-
-@pytest.fixture
-def request_(tmp_path):
-    file = tmp_path / "tiers.toml"
-    file.write_text(TIER)
-    return sweep.SweepRequest(file, "small", tmp_path / "out", seed=5)
-
-
-def start(request, **changes) -> tuple[int, str]:
-    """Run a sweep; exit code and what it printed."""
-    for key, value in changes.items():
-        setattr(request, key, value)
-    with open(request.file.with_name("printed"), "w+") as printed:
-        code = sweep.run_sweep(request, Console(file=printed)).code
-        printed.seek(0)
-        return code, printed.read()
-
-
-def ids_on_file(request) -> list[str]:
-    return [record["id"] for record in RecordFile(request.out / "records.jsonl").read()]
-
-
-# ---------------------------------------------------------------- plans
 
 
 @pytest.mark.parametrize(
@@ -252,9 +170,6 @@ def test_the_full_tier_has_both_readings_and_embree_beside_what_it_is_compared_w
             assert "embree" in {spec.variant.tracer for spec in group}, group[0]
     dense = [spec for spec in full if spec.scene == "crown" and spec.rays == 1_000_000 and spec.repetitions == 3]
     assert {"deferred", "forward", "work-optimal", "embree"} <= {spec.variant.tracer for spec in dense}
-
-
-# ---------------------------------------------------------------- running and resuming
 
 
 def test_a_whole_sweep(fakes, request_):

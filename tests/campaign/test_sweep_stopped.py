@@ -8,19 +8,17 @@ import time
 from pathlib import Path
 
 import pytest
-import test_sweep
-from test_sweep import ids_on_file, start
+from made_up_sweep import ids_on_file, start
 
 from harness.campaign import plan
 from harness.errors import DefrayError
 
 ROOT = Path(__file__).resolve().parents[2]
-fakes, request_ = test_sweep.fakes, test_sweep.request_  # fixtures
 SLOW_SWEEP = """
     import sys, time
     sys.path[:0] = {paths!r}
     import pytest
-    from test_sweep import fake_run_group, install_fakes
+    from made_up_sweep import fake_run_group, install_fakes
     from pathlib import Path
     from harness.campaign import sweeps as sweep
     from harness.errors import DefrayError

@@ -166,8 +166,6 @@ def test_the_uniform_grid_is_the_fastest_one_measured():
     assert "8/64 total against 41/16 adaptive" in judged.outcomes[0].findings[3].note
 
 
-# ---------------------------------------------------------------- trends, orders, counts, kernels, source
-
 TREND = {
     "type": "trend",
     "over": "scenes",
@@ -436,9 +434,6 @@ def test_absolute_rates_are_shown_and_never_judged():
     assert f"no run of {OURS}" in verdict(rule, []).reason
 
 
-# ---------------------------------------------------------------- conditions
-
-
 @pytest.mark.parametrize(
     ("bound", "low", "high", "expected"),
     [
@@ -479,9 +474,6 @@ def test_rules_of_a_claim_must_all_hold():
     assert verdict_of([yes, no]) == "contradicted" and verdict_of([gone, no]) == "contradicted"
     assert verdict_of([yes, gone]) == "not attempted" and verdict_of([yes, outcome(None, True)]) == "inconclusive"
     assert verdict_of([outcome(True, False)]) == "reproduced", "a shape is a weaker condition, never a further one"
-
-
-# ---------------------------------------------------------------- the file, the command, the page
 
 
 def test_lines_are_counted_a_test_so_that_idle_lanes_share_nothing(tmp_path):

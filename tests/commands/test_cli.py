@@ -7,8 +7,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from test_record_file import MACHINE, make_record
-from test_sweep import TIER, body_of, fake_run_group, install_fakes
+from made_up_record import MACHINE, make_record
+from made_up_sweep import TIER, body_of, fake_run_group, install_fakes
 
 from harness.commands import main as cli
 from harness.commands import options
@@ -42,9 +42,6 @@ def failing_run_group(specs, device, report=None):
         yield spec, body_of(spec, valid=False)
 
 
-# ---------------------------------------------------------------- help
-
-
 def test_help_is_fast_and_light():
     heavy = "('pyopencl', 'pandas', 'trimesh', 'matplotlib', 'pydantic')"
     code = f"import sys, harness.commands.main; sys.exit(str([m for m in {heavy} if m in sys.modules] or ''))"
@@ -56,9 +53,6 @@ def test_help_is_fast_and_light():
 def test_every_command_has_help(defray, command):
     code, out, _ = defray(*command.split(), "--help")
     assert code == 0 and "Usage: defray" in out
-
-
-# ---------------------------------------------------------------- trace and compare
 
 
 def test_trace_prints_one_record_as_json(defray):
@@ -135,9 +129,6 @@ def test_compare_without_a_valid_base(defray):
     assert code == 1 and "check failed" in out
 
 
-# ---------------------------------------------------------------- the other commands
-
-
 def test_scenes(defray, monkeypatch):
     status = SimpleNamespace(
         name="sponza", triangles=279_163, source="real", origin="a place", licence="CC BY", paper=True
@@ -194,9 +185,6 @@ def test_doctor_passes_its_exit_code_on(defray, monkeypatch):
     monkeypatch.setattr("harness.commands.doctor.run_doctor", lambda json: 1 if json else 0)
     assert defray("doctor")[0] == 0
     assert defray("doctor", "--json")[0] == 1
-
-
-# ---------------------------------------------------------------- mistakes
 
 
 @pytest.mark.parametrize(
@@ -273,9 +261,6 @@ def test_red_only_on_a_terminal(monkeypatch, capsys):
     monkeypatch.delenv("NO_COLOR", raising=False)
     options.print_error("wrong")
     assert capsys.readouterr().err == "\033[31merror:\033[0m wrong\n"
-
-
-# ---------------------------------------------------------------- what is no failure, and what is
 
 
 def unchecked_run_group(specs, device, report=None):

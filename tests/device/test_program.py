@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from harness.device import program
 from harness.device.program import build
+from harness.device.runtime import cl
 from harness.errors import DefrayError
 
 
@@ -15,13 +17,19 @@ def test_equal_builds_are_one_program_and_other_definitions_another(device):
     assert build(device, "tracers/hits.cl", intersector="moller_trumbore.cl") is not first
 
 
-def test_each_file_is_included_once():
-    source = program.expanded(
-        "tracers/forward.cl", intersector="ray_space.cl", structure="structures/uniform_walk.clh"
+def test_each_file_is_included_once(device, tmp_path, monkeypatch):
+    """A second definition of `three` would not compile; INTERSECTOR stands for the chosen file."""
+    (tmp_path / "intersect").mkdir()
+    (tmp_path / "three.clh").write_text("int three(void) { return 3; }\n")
+    (tmp_path / "intersect" / "mine.cl").write_text('#include "three.clh"\nint nine(void) { return 3 * three(); }\n')
+    (tmp_path / "both.cl").write_text(
+        '#include "three.clh"\n#include INTERSECTOR\n#include "three.clh"\n'
+        "kernel void both(global int *out) { out[0] = three(), out[1] = nine(); }\n"
     )
-    assert source.count("inline Frame intersector_setup(const RayLanes ray)") == 1
-    assert source.count("#define DEFRAY_WALK\n") == source.count("#define DEFRAY_WALK_UNIFORM\n") == 1
-    assert "#include" not in source
+    monkeypatch.setattr(program, "KERNELS", tmp_path)
+    out = cl.array.zeros(device.queue, 2, np.int32)
+    build(device, "both.cl", "three.clh", intersector="mine.cl").launch("both", 1, out, local=1)
+    assert out.get().tolist() == [3, 9]
 
 
 def test_a_failed_build_is_one_line_and_leaves_its_log(device, tmp_path, monkeypatch):

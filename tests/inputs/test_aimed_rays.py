@@ -12,6 +12,7 @@ from harness.device.opened import Device
 from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
 from harness.inputs.aimed_rays import MOST_T, CornerIndex, aimed_rays, closed_fans, leaked
+from harness.inputs.scenes import load_scene
 from harness.reference.oracle import Oracle
 from harness.spec import intersectors
 from harness.tracers.prepared import Prepared
@@ -85,8 +86,6 @@ def test_the_exact_oracle_stops_a_sample(sphere, aimed):
 
 @pytest.mark.slow
 def test_the_exact_oracle_stops_aimed_rays_in_sponza():
-    from harness.inputs.scenes import load_scene
-
     scene = load_scene("sponza")
     aimed, oracle = aimed_rays(scene, 3_000, seed=3), Oracle(scene.triangles)
     for row in range(len(aimed)):
@@ -113,9 +112,6 @@ def test_hardly_any_shared_edge_ends_in_one_line():
     with pytest.raises(DefrayError, match=r"too few .* share an edge: [0-9,]+ tries gave [1-9]") as caught:
         aimed_rays(scene, 10_000)
     assert "\n" not in str(caught.value)
-
-
-# ---------------------------------------------------------------- fans
 
 
 def fan(count: int = 6, height: float = 0.2, missing: int = 0) -> np.ndarray:
@@ -167,7 +163,7 @@ def test_a_fan_smaller_than_rounding_is_not_kept():
 
 
 def test_positions_that_share_a_hash_are_told_apart(monkeypatch):
-    monkeypatch.setattr("harness.inputs.aimed_rays._hash", lambda points: np.zeros(len(points), np.uint64))
+    monkeypatch.setattr("harness.inputs.aimed_rays.hash_positions", lambda points: np.zeros(len(points), np.uint64))
     assert closed(fan(), (0, 0, 0), (0, 0, 0))
     position, corner = CornerIndex(fan()).around(np.array([[0, 0, 0], [7, 7, 7]], np.float32))
     assert position.tolist() == [0] * 6 and (corner % 3 == 0).all()

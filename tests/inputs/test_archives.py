@@ -8,7 +8,7 @@ import tarfile
 import zipfile
 
 import pytest
-from test_fetch import OBJ, tarred, zipped
+from made_up_archives import OBJ, tarred, zipped
 
 import scenes
 from harness.errors import DefrayError

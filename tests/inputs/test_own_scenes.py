@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import io
+import zipfile
 
 import numpy as np
 import pytest
 import trimesh
+from rich.console import Console
 from shapes import icosphere
 
 from harness import trace
+from harness.commands.console import record_table
 from harness.data import Rays
 from harness.device.machine import machine_description
 from harness.errors import DefrayError
 from harness.inputs.rays import image_rays
 from harness.inputs.scenes import load_scene
 from harness.inputs.viewpoints import find_views
+from harness.measure.pipeline import run_group
+from harness.measure.scene import Scenes
+from harness.records.origin import finish
 from harness.reference.embree_scene import EmbreeScene
 from harness.reference.exact import zero_area
+from harness.spec.run_spec import RunSpec, Variant
 from harness.spec.structure import Uniform
 from scenes.shapes import box, sphere, tubes
 
@@ -46,9 +53,6 @@ def load_text(path, text: str) -> np.ndarray:
     """Triangles of a file with this content."""
     path.write_text(text)
     return load_scene(str(path)).triangles
-
-
-# ---------------------------------------------------------------- the TOML file
 
 
 def test_a_toml_file_gives_views_scale_up_axis_and_licence(pyramid):
@@ -98,9 +102,6 @@ def test_a_faulty_toml_file_is_refused_in_one_line(pyramid, toml, message):
     assert message in str(caught.value) and "\n" not in str(caught.value) and "pyramid" in str(caught.value)
 
 
-# ---------------------------------------------------------------- views found from the geometry
-
-
 def room() -> np.ndarray:
     """A box seen from inside, with two boxes of furniture."""
     walls = box((-5, 0, -8), (5, 3, 8))[:, ::-1]
@@ -148,14 +149,6 @@ def test_a_scene_of_one_point_still_loads(tmp_path):
 
 
 def test_trace_says_which_view_was_chosen_and_why(tmp_path, device):
-    from rich.console import Console
-
-    from harness.commands.console import record_table
-    from harness.measure.pipeline import run_group
-    from harness.measure.scene import Scenes
-    from harness.records.origin import finish
-    from harness.spec.run_spec import RunSpec, Variant
-
     np.savez(tmp_path / "room.npz", vertices=room().reshape(-1, 3), faces=np.arange(len(room()) * 3).reshape(-1, 3))
     variant = Variant(tracer="forward", intersector="ray-space")
     file = str(tmp_path / "room.npz")
@@ -164,9 +157,6 @@ def test_trace_says_which_view_was_chosen_and_why(tmp_path, device):
     console = Console(width=200, record=True, file=io.StringIO())
     console.print(record_table(finish(body, spec, machine_description(device))))
     assert "inside (inside, a room: " in console.export_text()
-
-
-# ---------------------------------------------------------------- formats
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae"])
@@ -180,8 +170,6 @@ def test_every_format_that_can_be_written_gives_its_triangles_in_order(tmp_path,
 
 
 def test_an_archive_of_a_mesh_is_read(tmp_path):
-    import zipfile
-
     with zipfile.ZipFile(tmp_path / "mesh.zip", "w") as archive:
         archive.writestr("mesh.off", trimesh.Trimesh(POINTS, FACES, process=False).export(file_type="off"))
     assert np.array_equal(load_scene(str(tmp_path / "mesh.zip")).triangles, TRIANGLES)
@@ -202,9 +190,6 @@ def test_a_format_that_needs_more_software_names_it(tmp_path, suffix, package):
     (tmp_path / f"part.{suffix}").write_bytes(b"anything")
     with pytest.raises(DefrayError, match=f"files need .*{package}"):
         load_scene(str(tmp_path / f"part.{suffix}"))
-
-
-# ---------------------------------------------------------------- many meshes, graphs, polygons
 
 
 def test_a_nested_graph_is_flattened_with_its_transforms_and_mirrors(tmp_path):

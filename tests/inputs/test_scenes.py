@@ -52,9 +52,6 @@ def recipe(monkeypatch, tmp_path):
     return {"made": made, "real": file, "cache": tmp_path / "cache"}
 
 
-# ---------------------------------------------------------------- mesh files
-
-
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "glb"])
 def test_every_common_format_gives_its_triangles_in_order(tmp_path, suffix):
     file = tmp_path / f"three.{suffix}"
@@ -102,9 +99,6 @@ def test_the_outside_view_encloses_the_bounds():
     assert np.array(inside.eye) == pytest.approx([100.5] * 3)
 
 
-# ---------------------------------------------------------------- what is wrong with a file
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -146,9 +140,6 @@ def test_a_truncated_file_is_refused(tmp_path):
     np.savez(tmp_path / "whole.npz", vertices=POINTS, faces=FACES)
     (tmp_path / "cut.npz").write_bytes((tmp_path / "whole.npz").read_bytes()[:-40])
     assert "cut.npz" in refused(str(tmp_path / "cut.npz"))
-
-
-# ---------------------------------------------------------------- known scenes
 
 
 def test_real_geometry_is_preferred_and_verified(recipe, monkeypatch):

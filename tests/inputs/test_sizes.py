@@ -23,10 +23,12 @@ from harness.inputs.rays import image_rays
 from harness.inputs.scenes import expected_triangles, load_scene
 from harness.inputs.sizes import clustered, decimated, resized, subdivided, welded
 from harness.inputs.viewpoints import find_views
+from harness.measure.scene import Scenes
 from harness.reference.embree_scene import EmbreeScene
 from harness.report.figures import size_ladder
 from harness.spec.run_spec import split_size
 from harness.stats import exponent
+from scenes import hairball
 from scenes.shapes import areas, box, quad
 
 BALL = icosphere(5)  # 20,480 triangles
@@ -63,9 +65,6 @@ def known(monkeypatch, tmp_path):
     return made
 
 
-# ---------------------------------------------------------------- names
-
-
 @pytest.mark.parametrize(
     ("name", "parts"),
     [
@@ -100,9 +99,6 @@ def test_only_stand_ins_are_enlarged(known, tmp_path):
     for name in ("real@4", str(tmp_path / "ball.npz") + "@4"):
         with pytest.raises(DefrayError, match="only stand-ins are enlarged"):
             load_scene(name)
-
-
-# ---------------------------------------------------------------- triangles
 
 
 def test_four_times_the_triangles_are_the_same_surface():
@@ -158,9 +154,6 @@ def test_too_few_triangles_are_no_scene():
         resized(box((0, 0, 0), (1, 1, 1)).astype(np.float32), "1/64")
 
 
-# ---------------------------------------------------------------- scenes
-
-
 def test_a_rung_shares_the_views_and_says_its_size(known):
     whole, small = load_scene("ball"), load_scene("ball@1/16")
     assert small.name == "ball@1/16" and small.title == "ball@1/16 (stand-in)" and small.views == whole.views
@@ -188,8 +181,6 @@ def test_a_generator_that_makes_smaller_scenes_itself_is_asked(known, monkeypatc
 
 @pytest.mark.parametrize("size", ["1/64", "1/16", "1/4"])
 def test_hairballs_smaller_rungs_are_hair_of_the_same_opacity(size):
-    from scenes import hairball
-
     small = hairball.smaller(1, float(ladder_module.SIZES[size]))
     assert len(small) == hairball.RECIPE.triangles * ladder_module.SIZES[size]
     assert small.dtype == np.float32 and np.abs(small).max() < 1.2
@@ -210,9 +201,6 @@ def test_a_rung_of_other_content_is_made_anew(known, monkeypatch):
     assert load_scene("real@1/4").sha256 != first.sha256
 
 
-# ---------------------------------------------------------------- memory
-
-
 class Memory(NamedTuple):
     """What is asked of a device here."""
 
@@ -229,8 +217,6 @@ def test_large_rungs_are_announced(monkeypatch, tmp_path):
 
 
 def test_a_rung_beyond_the_devices_memory_is_refused_before_it_is_made(known, monkeypatch):
-    from harness.measure.scene import Scenes
-
     small = Memory("a small device", 10**6, 10**9)
     with pytest.raises(DefrayError, match=r"ball@4 of about 81,920 triangles needs .* a small device has 0\.0 GiB"):
         Scenes(small).load("ball@4")
@@ -241,8 +227,6 @@ def test_a_rung_beyond_the_devices_memory_is_refused_before_it_is_made(known, mo
     with pytest.raises(DefrayError, match="this machine has"):
         check_memory("ball", 10**12, None)
 
-
-# ---------------------------------------------------------------- sweeps
 
 SWEEP = """
 [[tiers.paper.sweeps]]
@@ -275,9 +259,6 @@ def test_a_sweep_with_an_unknown_size_is_refused(known, plan):
         plan('["ball"]', '["1/2"]')
     with pytest.raises(DefrayError, match="sweep 'ladder': real@4: only stand-ins"):
         plan('["real@4"]', '["1"]')
-
-
-# ---------------------------------------------------------------- the figure
 
 
 def test_an_exponent_is_found_with_a_factor_for_each_group():

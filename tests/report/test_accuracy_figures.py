@@ -32,9 +32,6 @@ def scene_rows(scene: str = "sponza", **changed) -> list[dict]:
     return [accuracy_row(scene, variant, **changed) for variant in VARIANTS]
 
 
-# ---------------------------------------------------------------- metrics
-
-
 def test_the_frontier_of_hand_made_points():
     leaks = [0.1, 0.1, 0.01, 0.01, 0.001, 0.5, float("nan")]
     rates = [5.0, 4.0, 3.0, 3.0, 1.0, 4.9, 9.0]
@@ -57,9 +54,6 @@ def test_the_bound_of_a_rate():
     for events, trials in ((1, 0), (3, 2), (-1, 5)):
         with pytest.raises(DefrayError):
             rate_bound(events, trials)
-
-
-# ---------------------------------------------------------------- chart 1
 
 
 def test_chart_1_draws_nothing_observed_at_its_bound():
@@ -159,9 +153,6 @@ def test_every_intersector_has_a_name():
     assert len(set(names)) == len(names) and all(names)
 
 
-# ---------------------------------------------------------------- the table of floors
-
-
 def test_speed_at_each_floor_and_its_price():
     numbers = speed_at_floor.select(runs_of(scene_rows())).set_index("leak_rate_below")
     fastest = ["embree:robust=false", "embree", "deferred:ray-space:contraction=on", "none"]
@@ -176,9 +167,6 @@ def test_speed_at_each_floor_and_its_price():
 def test_a_million_rays_show_the_lowest_floor():
     numbers = speed_at_floor.select(runs_of(scene_rows(aimed=1_000_000))).set_index("leak_rate_below")
     assert numbers.loc["3e-06", "variant"] == "deferred:ray-space:contraction=on"
-
-
-# ---------------------------------------------------------------- stability.json
 
 
 def test_cells_that_fail_and_cells_where_all_is_lost():

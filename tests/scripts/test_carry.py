@@ -111,6 +111,7 @@ def test_what_is_left_out_is_needed_by_nothing_that_measures(tmp_path):
     """A sweep on the grid that is chosen, and every other command that makes rows, with those packages missing."""
     left_out = re.search(r'LEFT_OUT="([^"]*)"', (ROOT / "scripts/carry.sh").read_text()).group(1).split()
     modules = {
+        "import-linter": "importlinter",
         "pillow": "PIL",
         "pytest-benchmark": "pytest_benchmark",
         "fonttools": "fontTools",

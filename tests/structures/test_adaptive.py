@@ -4,81 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shapes import aimed_rays, icosphere, lattice_walls, random_rays, soup
-from test_grid import sampled_cells
-from test_tracers import hits_of
+from adaptive_grids import SPECS
+from shapes import clumps, icosphere, sampled_cells, soup
+from traced import MESHES, hits_of, setting_of, shared_scene_in
 
 from harness import structures
-from harness.data import Rays, Scene, differing
+from harness.data import differing
 from harness.device.program import build
 from harness.device.runtime import cl
 from harness.spec.structure import Adaptive
 from harness.structures.adaptive import levels_of, top_shape
 from harness.structures.device_scene import upload_scene
-from harness.studies.stability.walks import _gaps, _interval
-from harness.tracers.prepared import Prepared
-
-SPECS = [
-    Adaptive(0.3),
-    Adaptive(50.0),
-    Adaptive(3.0, top=5, leaf=8),
-    Adaptive(top=7, leaf=1),
-    Adaptive(200.0, top=1, leaf=128),
-]
-
-
-def clumps(count: int = 600) -> np.ndarray:
-    """Small triangles in few places of a large box: mostly empty space, and two densities."""
-    generator = np.random.default_rng(8)
-    centres = generator.random((5, 3)) * 20
-    mesh = soup(count, size=0.2) * np.float32(0.4) + centres[generator.integers(5, size=count), None]
-    return np.concatenate([mesh, soup(40, seed=2, size=0.01) * np.float32(0.02) + centres[0]]).astype(np.float32)
-
-
-def slivers(count: int = 300) -> np.ndarray:
-    """Triangles as long as the scene and thin as a few ulp of it."""
-    generator = np.random.default_rng(9)
-    start, end = generator.random((2, count, 3))
-    near = start + generator.normal(size=(count, 3)) * 10.0 ** generator.uniform(-7, -3, (count, 1))
-    return np.stack([start, end, near], axis=1).astype(np.float32)
-
-
-def on_planes(device, spec=SPECS[1], cells=12) -> np.ndarray:
-    """Squares that lie exactly on planes between the leaf cells of their own grid."""
-    frame = soup(200)
-    grid = structures.build(upload_scene(device, frame), spec)
-    size = grid.cell_size * 2 ** (grid.shape[3] - 1)
-    generator, quads = np.random.default_rng(3), []
-    for axis in np.repeat(np.arange(3), cells):
-        corners = np.empty((4, 3), np.float32)
-        corners[:, axis] = grid.lower[axis] + size[axis] * np.float32(generator.integers(1, 4))
-        low, high = np.sort(generator.random((2, 2)) * 0.8 + 0.1, axis=0)
-        a, b = (axis + 1) % 3, (axis + 2) % 3
-        corners[:, a], corners[:, b] = [low[0], high[0], high[0], low[0]], [low[1], low[1], high[1], high[1]]
-        quads += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
-    return np.concatenate([frame, np.array(quads, np.float32)])
-
-
-MESHES = {
-    "soup": (soup(), random_rays(3000)),
-    "sphere": (icosphere(), aimed_rays(icosphere(), (0.1, 0.05, -0.2), 3000)),
-    "walls": (lattice_walls(), aimed_rays(lattice_walls(), (3.3, 4.1, 4.6), 3000)),
-    "lattice": (lattice_walls(), Rays(
-        np.random.default_rng(1).integers(0, 9, (600, 3)).astype(np.float32),
-        np.random.default_rng(2).integers(-1, 2, (600, 3)).astype(np.float32) + np.float32([0.0, 0.0, 3.0]),
-        np.full(600, np.inf, np.float32)),
-    ),
-    "clumps": (clumps(), aimed_rays(clumps(), (10.1, 9.7, 11.3), 3000)),
-    "slivers": (slivers(), aimed_rays(slivers(), (0.52, 0.47, 0.55), 3000)),
-    "afar": (clumps(), aimed_rays(clumps(), (-140.0, 95.0, 60.0), 3000)),
-    "displaced": (soup() + np.float32(900), random_rays(3000, low=900.0, high=901.0)),
-}  # fmt: skip
-
-
-def setting_of(device, triangles, spec=SPECS[0]) -> Prepared:
-    """A scene on the device with its adaptive grid."""
-    prepared = Prepared.on_device(Scene("test", triangles), device)
-    return prepared.with_structure(spec)
+from harness.studies.stability.walks import box_interval, uncovered_stretches
 
 
 def leaf_cells(grid):
@@ -130,14 +67,10 @@ def stated(edge: int) -> int:
     return max(e for e in EDGES if e <= edge)
 
 
-# ---------------------------------------------------------------- what the grid holds
-
-
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", ["soup", "sphere", "walls", "clumps"])
 def test_every_point_of_every_triangle_lies_in_a_cell_that_references_it(device, name, spec):
-    mesh = MESHES[name][0]
-    grid = structures.build(upload_scene(device, mesh), spec)
+    mesh, grid = MESHES[name][0], shared_scene_in(device, name, spec).structure
     start, references = grid.cell_start.get(), grid.references.get()
     held = {}
     for cell, box in leaf_boxes(grid).items():
@@ -208,9 +141,6 @@ def test_levels_follow_the_cube_root_of_the_triangles():
     assert levels_of(np.array([512]), 1 / 8, 4).tolist() == [2]
 
 
-# ---------------------------------------------------------------- the walk
-
-
 def boxes_walked(device, grid, rays, slots=400) -> np.ndarray:
     """Boxes that each ray walks through, as in studies/walk_boxes.cl, int32[n,slots,6]; size 0 beyond the last."""
     inputs = (
@@ -232,25 +162,24 @@ def uncovered(grid, rays, boxes) -> np.ndarray:
     origin = (rays.origins.astype(np.float64) - grid.lower) * inverse
     direction = rays.directions.astype(np.float64) * inverse
     pad = np.broadcast_to(pad_in_cells(grid), origin.shape)
-    # _interval takes one size for all axes: the path in a box of three sizes is the one common to three such boxes.
+    # box_interval takes one size for all axes; the path in a box of three sizes is common to three such boxes.
     first, last = -np.inf, np.inf
     for axis in range(3):
         chosen, size = np.arange(3) == axis, resolution[axis]
         place, towards = np.where(chosen, origin, size / 2), np.where(chosen, direction, 0)
-        near, far = _interval([np.zeros((len(rays), 1))] * 3, size, place, towards, -pad)
+        near, far = box_interval([np.zeros((len(rays), 1))] * 3, size, place, towards, -pad)
         first, last = np.maximum(first, near[:, 0]), np.minimum(last, far[:, 0])
     low = [boxes[:, :, axis] for axis in range(3)]
-    enter, leave = _interval(low, boxes[:, :, 3], origin, direction, pad)
+    enter, leave = box_interval(low, boxes[:, :, 3], origin, direction, pad)
     enter[boxes[:, :, 3] == 0] = leave[boxes[:, :, 3] == 0] = -np.inf
     speed = np.sqrt((direction * direction).sum(axis=1))
-    return _gaps(enter, leave, np.maximum(first, 0), last, speed).stretches
+    return uncovered_stretches(enter, leave, np.maximum(first, 0), last, speed).stretches
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", MESHES)
 def test_the_walk_steps_over_no_part_of_a_path(device, name, spec):
-    mesh, rays = MESHES[name]
-    grid = structures.build(upload_scene(device, mesh), spec)
+    grid, rays = shared_scene_in(device, name, spec).structure, MESHES[name][1]
     rays = rays[:500]
     boxes = boxes_walked(device, grid, rays, 1500)
     assert uncovered(grid, rays, boxes).sum() == 0
@@ -289,8 +218,7 @@ def content_boxes(grid) -> dict[int, tuple[np.ndarray, np.ndarray]]:
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", ["soup", "sphere", "walls", "clumps", "slivers"])
 def test_the_box_of_a_cell_holds_all_of_its_triangles_in_the_cell(device, name, spec):
-    mesh = MESHES[name][0]
-    grid = structures.build(upload_scene(device, mesh), spec)
+    mesh, grid = MESHES[name][0], shared_scene_in(device, name, spec).structure
     generator = np.random.default_rng(1)
     weights = generator.dirichlet([0.5] * 3, (len(mesh), 40))
     points = np.einsum("tpc,tcx->tpx", weights, mesh.astype(np.float64))
@@ -307,8 +235,7 @@ def test_the_box_of_a_cell_holds_all_of_its_triangles_in_the_cell(device, name, 
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", MESHES)
 def test_a_cell_is_passed_over_only_by_rays_that_miss_the_box_of_what_lies_in_it(device, name, spec):
-    mesh, rays = MESHES[name]
-    grid, rays = structures.build(upload_scene(device, mesh), spec), rays[:300]
+    grid, rays = shared_scene_in(device, name, spec).structure, MESHES[name][1][:300]
     walked, boxes, pad = boxes_walked(device, grid, rays, 1500), content_boxes(grid), pad_in_cells(grid)
     passed = (walked[:, :, 4] >= 0) & (walked[:, :, 5] < 0) & (walked[:, :, 3] > 0)
     assert ((walked[:, :, 5] < 0) | (walked[:, :, 5] == walked[:, :, 4])).all()
@@ -326,7 +253,7 @@ def test_a_cell_is_passed_over_only_by_rays_that_miss_the_box_of_what_lies_in_it
 
 def test_boxes_too_small_lose_hits(device):
     mesh, rays = MESHES["soup"]
-    prepared = setting_of(device, mesh)
+    prepared = setting_of(device, mesh, SPECS[0])
     expected = hits_of(prepared, rays, "forward")
     leaves = prepared.structure.leaves.get()
     leaves[1::2] = 0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from adaptive_grids import SPECS
 from shapes import soup
-from test_adaptive import SPECS
 
 from harness import structures
 from harness.errors import DefrayError

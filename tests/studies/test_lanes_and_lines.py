@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from shapes import icosphere, random_rays, soup
-from test_tracers import setting_of
+from traced import setting_of
 from typer.testing import CliRunner
 
 from harness import tracers

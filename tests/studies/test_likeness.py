@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from harness import structures
+from harness.commands.main import app
 from harness.data import Rays, Scene, View
 from harness.errors import DefrayError
 from harness.spec.intersectors import find
@@ -116,8 +117,6 @@ def quick(monkeypatch):
 
 def run(capsys, *arguments: str) -> tuple[int, str]:
     """Exit code and standard output of `defray scenes`."""
-    from harness.commands.main import app
-
     with pytest.raises(SystemExit) as stopped:
         app(["scenes", *arguments], prog_name="defray")
     return stopped.value.code, capsys.readouterr().out

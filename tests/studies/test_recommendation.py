@@ -76,8 +76,6 @@ def test_nothing_that_meets_the_limits_is_one_line():
     assert advice.choice is None and len(lines_of(advice)) == 1
 
 
-# ---------------------------------------------------------------- rows on file
-
 BALL = Scene("ball", icosphere(1), source="file", sha256="cd" * 32)
 
 
@@ -140,9 +138,6 @@ def test_limits_that_make_no_sense_are_refused(limits):
 def test_a_limit_that_takes_days_to_show_is_refused():
     with pytest.raises(DefrayError, match=r"3,000,000,00\d aimed rays"):
         module.recommend("sponza", Limits(1e-9), None, None, print)
-
-
-# ---------------------------------------------------------------- measuring
 
 
 @pytest.fixture(scope="module")

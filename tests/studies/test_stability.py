@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import errno
 import json
-import shutil
+import resource
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from typer.testing import CliRunner
 
 from harness.commands.main import app
 from harness.data import Hits, Rays
-from harness.device import program
 from harness.errors import DefrayError
 from harness.records import stability_row as report
 from harness.records.digest import digest_of, sealed
@@ -49,10 +47,10 @@ def smoke_rows(device):
     return [row for family in select(None) for row in measure_family(device, family, methods, "smoke")]
 
 
-def metrics_of(device, name, family, mode="off", **defines):
-    """Metrics of one intersector, with a deliberate mistake where `defines` say so."""
+def metrics_of(device, name, family, mode="off"):
+    """Metrics of one intersector."""
     trial = TRIALS[families()[family].kind](device, families()[family], "smoke")
-    return merge(trial.measure(find(name), mode, **defines))
+    return merge(trial.measure(find(name), mode))
 
 
 def test_every_intersector_runs_every_family_in_both_modes(smoke_rows, device):
@@ -109,26 +107,20 @@ def test_a_folded_origin_fails_far_from_the_world_s_origin(device):
     assert metrics["band_ulp"] > 1000 and not families()["A2"].passes(metrics)
 
 
-def test_a_comparison_that_accepts_nan_fails(device, tmp_path, monkeypatch):
+def test_a_comparison_that_accepts_nan_fails(device, mutate):
     """Written to reject instead of to accept, the test lets NaN through; the driver's comparison is what stops it."""
-    kernels = shutil.copytree(program.KERNELS, tmp_path / "kernels")
-    file = kernels / "intersect" / "ray_space_plain.cl"
-    accepting = "(min(e0, min(e1, e2)) >= 0.0f) | (max(e0, max(e1, e2)) <= 0.0f)"
-    rejecting = "mask_not((min(e0, min(e1, e2)) < 0.0f) & (max(e0, max(e1, e2)) > 0.0f))"
-    source = file.read_text()
-    assert accepting in source and "(sum > 0.0f) | (sum < 0.0f)" in source
-    source = source.replace(accepting, rejecting).replace("(sum > 0.0f) | (sum < 0.0f)", "mask_not(sum == 0.0f)")
-    file.write_text(source)
-    monkeypatch.setattr(program, "KERNELS", kernels)
+    mutate("signs-rejected")
     assert metrics_of(device, "ray-space-plain", "D2")["gross"] == 0
-    broken = metrics_of(device, "ray-space-plain", "D2", ACCEPT_NAN=1)
+    mutate("signs-rejected", "nan-accepted")
+    broken = metrics_of(device, "ray-space-plain", "D2")
     assert broken["nonfinite"] > 0 and broken["gross"] > 0 and not families()["D2"].passes(broken)
 
 
-def test_a_direction_that_is_not_scaled_fails(device):
+def test_a_direction_that_is_not_scaled_fails(device, mutate):
     name = "ray-space-orthonormal"  # whose frame takes the square of the direction's length
     assert metrics_of(device, name, "A4")["gross"] == 0
-    assert metrics_of(device, name, "A4", RAW_DIRECTION=1)["gross"] > 0
+    mutate("direction-not-scaled")
+    assert metrics_of(device, name, "A4")["gross"] > 0
 
 
 def test_spawned_rays_without_an_offset_hit_where_they_start(device):
@@ -153,9 +145,6 @@ def test_an_intersector_that_misses_everything_fails_the_degenerate_scene():
     triangles, rays = scenes.degenerate_inputs({}, 500, np.random.default_rng(3))
     none = np.full(500, np.inf, np.float32), np.full(500, -1, np.int32), *np.zeros((2, 500), np.float32)
     assert scenes.judge_degenerate(triangles, rays, Hits(*none))["gross"] > 100
-
-
-# ---------------------------------------------------------------- the judge can fail
 
 
 @pytest.fixture
@@ -233,9 +222,6 @@ def test_a_device_without_doubles_is_refused(device, aimed):
     assert DEFAULT in names and "moller-trumbore-double" not in names
 
 
-# ---------------------------------------------------------------- the command
-
-
 def test_the_command_prints_json_and_writes_a_file_that_reads_back(tmp_path):
     arguments = ["stability", "--size", "smoke", "--family", "W2", "--out", str(tmp_path), "--json"]
     result = CliRunner().invoke(app, arguments)
@@ -287,15 +273,16 @@ def test_a_folder_that_cannot_be_written_is_refused_before_measuring(tmp_path):
         report.ResultsFile(tmp_path / "file" / "below", {}, {})
 
 
-def test_a_disk_that_fills_up_meanwhile_is_one_line(tmp_path, monkeypatch):
+def test_a_disk_that_fills_up_meanwhile_is_one_line(tmp_path):
     file = report.ResultsFile(tmp_path, {"device": "one"}, {"off": False, "on": True})
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("pathlib.Path.write_text", full)
-    with pytest.raises(DefrayError, match=r"cannot write .*stability.json: No space left"):
-        file.add([ROW_ON_FILE])
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))  # bytes that a file may have
+    try:
+        with pytest.raises(DefrayError, match=r"cannot write .*stability.json: File too large"):
+            file.add([ROW_ON_FILE])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert report.read_results(tmp_path) is None
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from adaptive_grids import SPECS, on_planes
 from shapes import REPRESENTATIVE, aimed_rays, random_rays, soup
-from test_adaptive import MESHES, SPECS, on_planes, setting_of
-from test_tracers import GRID_TRACERS, hits_of
+from traced import GRID_TRACERS, MESHES, brute_hits, hits_of, setting_of, shared_scene_in
 
 from harness import tracers
 from harness.data import Rays, differing
@@ -19,10 +19,9 @@ from harness.spec.structure import Adaptive, Uniform
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 @pytest.mark.parametrize("name", MESHES)
 def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, spec):
-    mesh, rays = MESHES[name]
-    prepared = setting_of(device, mesh, spec)
+    prepared, rays = shared_scene_in(device, name, spec), MESHES[name][1]
     for intersector in ("ray-space", "havel-herout"):
-        expected = hits_of(prepared, rays, "brute", intersector)
+        expected = brute_hits(device, name, intersector)
         assert (expected.primitive >= 0).any()
         for tracer in GRID_TRACERS:
             assert hits_of(prepared, rays, tracer, intersector).tobytes() == expected.tobytes(), tracer
@@ -33,10 +32,9 @@ def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, spec):
 @pytest.mark.parametrize("lanes", ["1", "4", "8", "16"])
 @pytest.mark.parametrize("copied", ["index", "copy"])
 def test_options_of_the_deferred_tracer_change_no_bit(device, arrange, wave, lanes, copied):
-    mesh, rays = MESHES["clumps"]
-    prepared = setting_of(device, mesh, SPECS[1])
     options = {"arrange": arrange, "wave": wave, "lanes": lanes, "pairs": copied, "growth": "2"}
-    assert hits_of(prepared, rays, "deferred", **options).tobytes() == hits_of(prepared, rays, "brute").tobytes()
+    hits = hits_of(shared_scene_in(device, "clumps", SPECS[1]), MESHES["clumps"][1], "deferred", **options)
+    assert hits.tobytes() == brute_hits(device, "clumps").tobytes()
 
 
 def test_walls_on_cell_planes_and_origins_on_them(device):
@@ -62,7 +60,7 @@ def test_walls_on_cell_planes_and_origins_on_them(device):
 @pytest.mark.parametrize("offset", [0.0, 1000.0])
 def test_flat_and_distant_scenes(device, thickness, offset):
     mesh = (soup(3000, size=0.03) * np.float32([1, 1, thickness]) + np.float32(offset)).astype(np.float32)
-    prepared = setting_of(device, mesh)
+    prepared = setting_of(device, mesh, SPECS[0])
     rays = random_rays(2000, low=offset - 1, high=offset + 2)
     expected = hits_of(prepared, rays, "brute")
     assert (expected.primitive >= 0).any()
@@ -90,8 +88,7 @@ def test_counters_are_exact_and_empty_space_costs_few_steps(device):
 
 def test_hits_written_in_lanes_are_those_written_one_by_one(device):
     """Also u and v, which no tracer computes itself."""
-    mesh, rays = MESHES["soup"]
-    prepared = setting_of(device, mesh)
+    prepared, rays = shared_scene_in(device, "soup", SPECS[0]), MESHES["soup"][1]
     for name in REPRESENTATIVE:
         written = []
         for lanes in (1, 8):

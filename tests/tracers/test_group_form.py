@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from shapes import REPRESENTATIVE, icosphere, random_rays, soup
-from test_tracers import SCENES, hits_of, setting_of
+from traced import SCENES, brute_hits, hits_of, setting_of, shared_scene_in
 
 from harness import tracers
 from harness.data import Rays
@@ -20,10 +20,8 @@ from harness.tracers.deferred.bins_packed import GROUP
 @pytest.mark.parametrize("intersector", REPRESENTATIVE)
 @pytest.mark.parametrize("name", SCENES)
 def test_groups_agree_with_brute_force_bit_for_bit(device, name, intersector):
-    triangles, rays = SCENES[name]
-    prepared = setting_of(device, triangles, Uniform(2, 6))
-    expected = hits_of(prepared, rays, "brute", intersector)
-    hits = hits_of(prepared, rays, "deferred", intersector, form="group")
+    prepared, expected = shared_scene_in(device, name, Uniform(2, 6)), brute_hits(device, name, intersector)
+    hits = hits_of(prepared, SCENES[name][1], "deferred", intersector, form="group")
     assert (expected.primitive >= 0).any()
     assert hits.tobytes() == expected.tobytes()
 
@@ -31,7 +29,7 @@ def test_groups_agree_with_brute_force_bit_for_bit(device, name, intersector):
 @pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
 @pytest.mark.parametrize("pairs", ["index", "copy"])
 def test_options_of_a_group_change_no_bit(device, arrange, pairs):
-    prepared = setting_of(device, soup())
+    prepared = shared_scene_in(device, "soup")
     for count in (1, GROUP - 1, GROUP + 1, 3000):
         rays = random_rays(count)
         hits = hits_of(prepared, rays, "deferred", form="group", arrange=arrange, pairs=pairs, wave="2")
@@ -54,8 +52,7 @@ def test_equal_t_goes_to_the_lower_primitive_in_groups_too(device):
 
 
 def test_groups_count_the_same_work_without_padding(device):
-    triangles, rays = SCENES["soup"]
-    prepared = setting_of(device, triangles)
+    prepared, rays = shared_scene_in(device, "soup"), SCENES["soup"][1]
     found = {
         form: tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], {"form": form}).count(rays)
         for form in ("lanes", "group")
@@ -80,12 +77,11 @@ def test_a_gpu_takes_groups_and_a_cpu_lanes(device):
 
 def test_a_whole_trace_as_on_a_gpu(device):
     """One lane, the library's sort, groups: what a device that is no CPU runs by default."""
-    triangles, rays = SCENES["sphere"]
-    prepared = setting_of(device, triangles)
+    prepared, rays = shared_scene_in(device, "sphere"), SCENES["sphere"][1]
     gpu = dataclasses.replace(prepared, device=dataclasses.replace(device, is_cpu=False, native_lanes=1))
     for arrange in ("two-pass", "record", "sort"):
         hits = hits_of(gpu, rays, "deferred", arrange=arrange)
-        assert hits.tobytes() == hits_of(prepared, rays, "brute").tobytes()
+        assert hits.tobytes() == brute_hits(device, "sphere").tobytes()
 
 
 def test_a_group_of_several_lanes_is_refused(device):

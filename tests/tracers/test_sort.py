@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from shapes import random_rays, soup
-from test_tracers import hits_of, setting_of
+from traced import hits_of, setting_of
 
 from harness import tracers
 from harness.device.stopwatch import Stopwatch

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from adaptive_grids import SPECS
 from shapes import every_intersector, random_rays, soup
-from test_adaptive import MESHES, SPECS
-from test_adaptive import setting_of as adaptive_setting
-from test_tracers import hits_of, setting_of
+from traced import MESHES, brute_hits, hits_of, setting_of, shared_scene_in
 
 from harness import tracers
 from harness.data import Rays
@@ -27,19 +26,16 @@ def at_centres(mesh, count) -> Rays:
 @pytest.mark.parametrize("streams", ["1", "3"])
 @pytest.mark.parametrize("growth", ["1", "2"])
 def test_options_change_no_bit(device, lanes, wave, streams, growth):
-    mesh, rays = MESHES["clumps"]
-    prepared = adaptive_setting(device, mesh, SPECS[1])
+    prepared, expected = shared_scene_in(device, "clumps", SPECS[1]), brute_hits(device, "clumps")
     options = {"lanes": lanes, "wave": wave, "streams": streams, "growth": growth}
-    expected = hits_of(prepared, rays, "brute")
     assert (expected.primitive >= 0).any()
-    assert hits_of(prepared, rays, "streamed", **options).tobytes() == expected.tobytes()
+    assert hits_of(prepared, MESHES["clumps"][1], "streamed", **options).tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize("batch", ["64", "1000", "4096"])
 def test_batches_change_no_bit(device, batch):
-    mesh, rays = MESHES["soup"]
-    prepared = adaptive_setting(device, mesh)
-    assert hits_of(prepared, rays, "streamed", batch=batch).tobytes() == hits_of(prepared, rays, "brute").tobytes()
+    hits = hits_of(shared_scene_in(device, "soup", SPECS[0]), MESHES["soup"][1], "streamed", batch=batch)
+    assert hits.tobytes() == brute_hits(device, "soup").tobytes()
 
 
 @pytest.mark.parametrize("intersector", every_intersector())
@@ -66,8 +62,7 @@ def test_idle_lanes_of_few_rays_are_counted(device):
 
 
 def test_counts_repeat_and_steps_and_pairs_are_those_of_deferred(device):
-    mesh, rays = MESHES["clumps"]
-    prepared = adaptive_setting(device, mesh)
+    prepared, rays = shared_scene_in(device, "clumps", SPECS[0]), MESHES["clumps"][1]
     options = {"wave": "4", "growth": "1"}
     streamed, again, deferred = (
         tracers.find(name)(prepared, INTERSECTORS["ray-space"], options).count(rays)
@@ -81,8 +76,7 @@ def test_counts_repeat_and_steps_and_pairs_are_those_of_deferred(device):
 @pytest.mark.parametrize("batch", ["2048", "4096"])
 def test_one_stream_counts_waves_and_padding_as_deferred_does(device, growth, batch):
     """Its bins hold what those of the other hold at the end of a wave; more streams share them, so they pad more."""
-    mesh, rays = MESHES["clumps"]
-    prepared = adaptive_setting(device, mesh)
+    prepared, rays = shared_scene_in(device, "clumps", SPECS[0]), MESHES["clumps"][1]
     common = {"wave": "2", "growth": growth, "batch": batch, "lanes": "8"}
 
     def counted(name, **options):

@@ -6,51 +6,25 @@ import dataclasses
 
 import numpy as np
 import pytest
-from shapes import REPRESENTATIVE, aimed_rays, every_intersector, icosphere, lattice_walls, random_rays, soup
+from shapes import REPRESENTATIVE, every_intersector, icosphere, lattice_walls, random_rays, soup
+from traced import GRID_TRACERS, SCENES, brute_hits, hits_of, setting_of, shared_scene_in
 
 from harness import tracers
-from harness.data import Rays, Scene, differing
+from harness.data import Rays, differing
 from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
 from harness.spec.intersectors import INTERSECTORS, LANES
 from harness.spec.structure import Uniform
-from harness.tracers.prepared import Prepared
-
-GRID_TRACERS = ("deferred", "streamed", "forward", "work-optimal")
-SCENES = {
-    "soup": (soup(), random_rays(3000)),
-    "sphere": (icosphere(), aimed_rays(icosphere(), (0.1, 0.05, -0.2), 3000)),
-    "walls": (lattice_walls(), aimed_rays(lattice_walls(), (3.3, 4.1, 4.6), 3000)),
-    "lattice": (lattice_walls(), Rays(*(a for a in (
-        np.random.default_rng(1).integers(0, 9, (600, 3)).astype(np.float32),
-        np.random.default_rng(2).integers(-1, 2, (600, 3)).astype(np.float32) + np.float32([0.0, 0.0, 3.0]),
-        np.full(600, np.inf, np.float32)))),
-    ),
-}  # fmt: skip
-
-
-def setting_of(device, triangles, spec=Uniform(4, 32)) -> Prepared:
-    """A scene on the device with its grid."""
-    prepared = Prepared.on_device(Scene("test", triangles), device)
-    return prepared.with_structure(spec)
-
-
-def hits_of(prepared, rays, tracer, intersector="ray-space", **options):
-    """First hits by one variant."""
-    made = tracers.find(tracer)(prepared, INTERSECTORS[intersector], options)
-    return made.trace(rays, Stopwatch(prepared.device.queue))
 
 
 @pytest.mark.parametrize("intersector", every_intersector())
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("spec", [Uniform(4, 32), Uniform(2, 6), Uniform(3, 5, per_cell=True)], ids=str)
 def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, intersector, spec):
-    triangles, rays = SCENES[name]
-    prepared = setting_of(device, triangles, spec)
-    expected = hits_of(prepared, rays, "brute", intersector)
+    prepared, expected = shared_scene_in(device, name, spec), brute_hits(device, name, intersector)
     assert (expected.primitive >= 0).any()
     for tracer in GRID_TRACERS:
-        hits = hits_of(prepared, rays, tracer, intersector)
+        hits = hits_of(prepared, SCENES[name][1], tracer, intersector)
         assert differing(hits, expected) == 0, tracer
         assert hits.tobytes() == expected.tobytes()
 
@@ -59,10 +33,8 @@ def test_grid_tracers_agree_with_brute_force_bit_for_bit(device, name, intersect
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("tracer", [*GRID_TRACERS, "brute"])
 def test_lanes_change_no_bit(device, tracer, lanes, intersector):
-    triangles, rays = SCENES["soup"]
-    prepared = setting_of(device, triangles)
-    expected = hits_of(prepared, rays, "brute", intersector, lanes="1")
-    assert hits_of(prepared, rays, tracer, intersector, lanes=str(lanes)).tobytes() == expected.tobytes()
+    hits = hits_of(shared_scene_in(device, "soup"), SCENES["soup"][1], tracer, intersector, lanes=str(lanes))
+    assert hits.tobytes() == brute_hits(device, "soup", intersector, lanes="1").tobytes()
 
 
 @pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
@@ -70,17 +42,15 @@ def test_lanes_change_no_bit(device, tracer, lanes, intersector):
 @pytest.mark.parametrize("compaction", ["true", "false"])
 @pytest.mark.parametrize("batch", ["100000", "777"])
 def test_options_of_the_deferred_tracer_change_no_bit(device, arrange, wave, compaction, batch):
-    triangles, rays = SCENES["soup"]
-    prepared = setting_of(device, triangles)
     options = {"arrange": arrange, "wave": wave, "compaction": compaction, "batch": batch}
-    assert hits_of(prepared, rays, "deferred", **options).tobytes() == hits_of(prepared, rays, "brute").tobytes()
+    hits = hits_of(shared_scene_in(device, "soup"), SCENES["soup"][1], "deferred", **options)
+    assert hits.tobytes() == brute_hits(device, "soup").tobytes()
 
 
 @pytest.mark.parametrize("tracer", [*GRID_TRACERS, "brute"])
 def test_a_limited_ray_sees_nothing_beyond_its_limit(device, tracer):
-    triangles, rays = SCENES["soup"]
-    prepared = setting_of(device, triangles)
-    free = hits_of(prepared, rays, "brute")
+    prepared, rays = shared_scene_in(device, "soup"), SCENES["soup"][1]
+    free = brute_hits(device, "soup")
     half = dataclasses.replace(rays, t_max=np.where(np.arange(len(rays)) % 2, free.t, free.t * np.float32(0.999)))
     hits = hits_of(prepared, half, tracer)
     kept = np.arange(len(rays)) % 2 == 1
@@ -90,8 +60,7 @@ def test_a_limited_ray_sees_nothing_beyond_its_limit(device, tracer):
 
 @pytest.mark.parametrize("scale", [2.0**-40, 1.0, 2.0**60])
 def test_the_length_of_the_direction_scales_t_exactly(device, scale):
-    triangles, rays = SCENES["soup"]
-    prepared = setting_of(device, triangles)
+    prepared, rays = shared_scene_in(device, "soup"), SCENES["soup"][1]
     plain = hits_of(prepared, rays, "deferred")
     scaled = hits_of(prepared, dataclasses.replace(rays, directions=rays.directions * np.float32(scale)), "deferred")
     assert (scaled.primitive == plain.primitive).all()
@@ -132,8 +101,7 @@ def test_rays_that_start_outside_or_pass_by(device):
 
 
 def test_counters_are_exact_and_repeat(device):
-    triangles, rays = SCENES["soup"]
-    prepared = setting_of(device, triangles)
+    prepared, rays = shared_scene_in(device, "soup"), SCENES["soup"][1]
     counts = {}
     for options in ({"arrange": "two-pass"}, {"arrange": "record"}, {"arrange": "sort"}, {"batch": "1000"}):
         made = tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], {"lanes": "8", **options})
@@ -192,14 +160,14 @@ def test_a_distance_that_overflows_is_a_miss_for_every_tracer(device):
 
 @pytest.mark.parametrize("arrange", ["two-pass", "record", "sort"])
 def test_a_batch_whose_pairs_do_not_fit_is_halved(device, arrange):
-    triangles, rays = SCENES["soup"]
+    rays = SCENES["soup"][1]
     small = dataclasses.replace(device, max_allocation_bytes=150 << 10)
-    prepared = dataclasses.replace(setting_of(device, triangles), device=small)
+    prepared = dataclasses.replace(shared_scene_in(device, "soup"), device=small)
     made = tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], {"wave": "all", "arrange": arrange})
     watch = Stopwatch(device.queue)
     hits = made.trace(rays, watch)
     assert made.batch_size < len(rays)
-    assert hits.tobytes() == hits_of(setting_of(device, triangles), rays, "brute").tobytes()
+    assert hits.tobytes() == brute_hits(device, "soup").tobytes()
     assert watch.seconds["traverse"] <= watch.seconds["total"]
     options = {"wave": "all", "arrange": arrange}
     halved = tracers.find("deferred")(prepared, INTERSECTORS["ray-space"], options).count(rays)
@@ -213,7 +181,7 @@ def test_a_batch_whose_pairs_do_not_fit_is_halved(device, arrange):
 @pytest.mark.parametrize("batch", ["100000", "777"])
 def test_brute_force_counts_every_pair(device, batch):
     triangles, rays = SCENES["soup"]
-    made = tracers.find("brute")(setting_of(device, triangles), INTERSECTORS["ray-space"], {"batch": batch})
+    made = tracers.find("brute")(shared_scene_in(device, "soup"), INTERSECTORS["ray-space"], {"batch": batch})
     counters = made.count(rays)
     assert counters.tests == len(rays) * len(triangles)
     assert counters == made.count_by_running(rays)

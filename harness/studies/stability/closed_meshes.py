@@ -92,24 +92,24 @@ def random_units(count: int, generator: np.random.Generator) -> np.ndarray:
 
 
 def lattice_box(cells: int = 8) -> tuple[np.ndarray, np.ndarray]:
-    """The surface of the cube [0, cells]^3 in unit squares: vertices float64[v,3], faces int[t,3]."""
-    points: dict[tuple, int] = {}
-    faces = []
+    """The surface of the cube [0, cells]^3 in unit squares: vertices float64[v,3], faces int[t,3].
 
-    def number(point) -> int:
-        return points.setdefault(tuple(int(value) for value in point), len(points))
-
+    Vertices are numbered in the order in which the squares' corners first name them.
+    """
+    i, j = (values.ravel() for values in np.indices((cells, cells)))
+    squares = []
     for axis in range(3):
         for side in (0, cells):
-            for i in range(cells):
-                for j in range(cells):
-                    square = np.zeros((4, 3), np.int64)
-                    square[:, axis] = side
-                    square[:, (axis + 1) % 3] = [i, i + 1, i + 1, i]
-                    square[:, (axis + 2) % 3] = [j, j, j + 1, j + 1]
-                    a, b, c, d = (number(corner) for corner in square)
-                    faces += [(a, b, c), (a, c, d)]
-    return np.array(list(points), np.float64), np.array(faces)
+            corners = np.empty((cells * cells, 4, 3), np.int64)
+            corners[:, :, axis] = side
+            corners[:, :, (axis + 1) % 3] = np.stack([i, i + 1, i + 1, i], axis=1)
+            corners[:, :, (axis + 2) % 3] = np.stack([j, j, j + 1, j + 1], axis=1)
+            squares.append(corners)
+    points = np.concatenate(squares).reshape(-1, 3)
+    place = points @ [(cells + 1) ** 2, cells + 1, 1]
+    _, first, inverse = np.unique(place, return_index=True, return_inverse=True)
+    number = np.argsort(np.argsort(first))[inverse].reshape(-1, 4)
+    return points[np.sort(first)].astype(np.float64), number[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
 
 
 def globe(divisions: int) -> tuple[np.ndarray, np.ndarray]:

@@ -59,15 +59,14 @@ class PairTester:
             to_device(device.queue, np.ascontiguousarray(a, d).ravel()) for a, d in zip(arrays, dtypes, strict=True)
         ]
 
-    def run(self, intersector: Intersector, contraction: str = "off", **defines: int) -> Answers:
-        """Every pair's answer; `defines` are for the tests' deliberate mistakes.
+    def run(self, intersector: Intersector, contraction: str = "off") -> Answers:
+        """Every pair's answer, with `contraction` of a * b + c "off" or "on".
 
         Raises DefrayError where the intersector needs double precision and the device has none.
         """
         if intersector.needs_double and not self.device.has_double:
             raise DefrayError(f"{self.device.name} has no double precision, which {intersector.name} needs")
-        if contraction == "on":
-            defines["CONTRACT"] = 1
+        defines = {"CONTRACT": 1} if contraction == "on" else {}
         count, queue = len(self.pairs), self.device.queue
         *inputs, triangles = self._arrays
         stored = self._stored(intersector, defines, triangles)

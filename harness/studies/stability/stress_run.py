@@ -85,9 +85,9 @@ class _PairTrial:
             self.parts.append((PairTester(device, pairs), Judge(pairs, kind)))
         self.digest = hashed.hexdigest()
 
-    def measure(self, intersector: Intersector, mode: str, **defines: int) -> list[dict]:
+    def measure(self, intersector: Intersector, mode: str) -> list[dict]:
         """Metrics of every case."""
-        return [judge.judge(tester.run(intersector, mode, **defines)) for tester, judge in self.parts]
+        return [judge.judge(tester.run(intersector, mode)) for tester, judge in self.parts]
 
 
 class _SceneTrial:

@@ -21,7 +21,6 @@ from harness.device.runtime import cl
 from harness.spec.structure import Uniform
 from harness.structures.uniform import UniformGrid, bricks_per_block, pad_cells
 
-MISTAKES = {"": 0, "accumulated": 1, "zero-ahead": 2}  # of kernels/studies/walk_cells.cl
 FAR = 16  # sizes of the grid; from about 64 on, the rounding of origins exceeds the pad
 _CHUNK = 1 << 21  # visited cells on the host at once
 # An offset or direction in cells takes 2 roundings, a plane's t 2 more, relative to |origin| + resolution.
@@ -64,11 +63,11 @@ def most_steps(spec: Uniform) -> int:
     return 3 * spec.resolution
 
 
-def walk(device: Device, grid: UniformGrid, rays: Rays, mistake: str = "") -> tuple[np.ndarray, np.ndarray]:
+def walk(device: Device, grid: UniformGrid, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
     """Non-empty leaf cells each ray visits, int32[n,m], -1 beyond its last, and int32[n] its steps.
 
     Cells are numbered (z * resolution + y) * resolution + x. A walk that takes too many steps is cut off one step
-    after the bound. `mistake`: one of MISTAKES.
+    after the bound.
     """
     count, slots = len(rays), most_steps(grid.spec) + 1
     origins, directions = (
@@ -77,8 +76,7 @@ def walk(device: Device, grid: UniformGrid, rays: Rays, mistake: str = "") -> tu
     )
     visited = cl.array.empty(device.queue, count * slots, np.int32)
     found, steps = (cl.array.empty(device.queue, count, np.int32) for _ in range(2))
-    defines = grid.defines | ({"MISTAKE": MISTAKES[mistake]} if mistake else {})
-    program = build(device, "studies/walk_cells.cl", structure=grid.header, defines=defines)
+    program = build(device, "studies/walk_cells.cl", structure=grid.header, defines=grid.defines)
     program.launch("walk_cells", count, *(count, origins, directions, *grid.arguments, slots, visited, found, steps))
     cells, found = visited.get().reshape(count, slots), found.get()
     cells = cells[:, : max(int(found.max()), 1)]
@@ -97,22 +95,22 @@ def coverage(grid: UniformGrid, rays: Rays, visited: np.ndarray, pad: np.ndarray
     direction = rays.directions.astype(np.float64) * inverse
     pad = pad_cells(grid.spec, grid.cell_size)[:3].astype(np.float64) if pad is None else np.asarray(pad)
     grown = pad + _ROUNDING * (np.abs(origin) + size)
-    first, last = _interval([np.zeros((len(rays), 1))] * 3, size, origin, direction, -grown)
+    first, last = box_interval([np.zeros((len(rays), 1))] * 3, size, origin, direction, -grown)
     first, last = np.maximum(first[:, 0], 0), last[:, 0]
     low = [visited % size, visited // size % size, visited // size**2]
-    enter, leave = _interval(low, 1, origin, direction, grown)
+    enter, leave = box_interval(low, 1, origin, direction, grown)
     enter[visited < 0] = leave[visited < 0] = -np.inf
     top, part = grid.spec.top, grid.spec.leaf_per_top
     empty = np.flatnonzero(grid.top_block.get() < 0)
     if len(empty):
         low = [(part * axis)[None] for axis in (empty % top, empty // top % top, empty // top**2)]
-        more = _interval(low, part, origin, direction, grown)
+        more = box_interval(low, part, origin, direction, grown)
         enter, leave = np.hstack([enter, more[0]]), np.hstack([leave, more[1]])
     speed = np.sqrt((direction * direction).sum(axis=1))
-    return _gaps(enter, leave, first, last, speed)
+    return uncovered_stretches(enter, leave, first, last, speed)
 
 
-def _interval(low, size: int, origin, direction, pad) -> tuple[np.ndarray, np.ndarray]:
+def box_interval(low, size: int, origin, direction, pad) -> tuple[np.ndarray, np.ndarray]:
     """t at which rays enter and leave boxes [low - pad, low + size + pad], float64[n,m]; -inf, -inf for a miss.
 
     `low`: three arrays [n,m] or [1,m]; `origin`, `direction`, `pad`: float64[n,3], in cells.
@@ -131,7 +129,7 @@ def _interval(low, size: int, origin, direction, pad) -> tuple[np.ndarray, np.nd
     return np.where(missed, -np.inf, enter), np.where(missed, -np.inf, leave)
 
 
-def _gaps(enter, leave, first, last, speed) -> Coverage:
+def uncovered_stretches(enter, leave, first, last, speed) -> Coverage:
     """Stretches of [first, last] outside the union of the intervals [enter, leave]."""
     order = np.argsort(enter, axis=1, kind="stable")
     enter, leave = np.take_along_axis(enter, order, 1), np.take_along_axis(leave, order, 1)
@@ -142,14 +140,14 @@ def _gaps(enter, leave, first, last, speed) -> Coverage:
     return Coverage((gap > 0).sum(axis=1), gap.max(axis=1))
 
 
-def check_walk(device: Device, grid: UniformGrid, rays: Rays, mistake: str = "", pad=None) -> dict:
+def check_walk(device: Device, grid: UniformGrid, rays: Rays, pad=None) -> dict:
     """Walk all rays and count what is lost: rays, leaks (rays with an uncovered stretch), stretches, worst_chord
     (the longest, in cells), steps_over (rays that take more steps than there are planes)."""
     total = {"rays": len(rays), "leaks": 0, "stretches": 0, "worst_chord": 0.0, "steps_over": 0}
     chunk = max(1, _CHUNK // most_steps(grid.spec))
     for first in range(0, len(rays), chunk):
         part = rays[first : first + chunk]
-        visited, steps = walk(device, grid, part, mistake)
+        visited, steps = walk(device, grid, part)
         found = coverage(grid, part, visited, pad)
         total["leaks"] += int((found.stretches > 0).sum())
         total["stretches"] += int(found.stretches.sum())
@@ -308,17 +306,17 @@ def walk_cases(name: str, rays: int) -> dict[str, int]:
     return {case: max(1, round(rays * weight / total)) for case, weight in weights.items()}
 
 
-def walk_family(device: Device, name: str, rays: int, seed: int, mistake: str = "") -> dict:
+def walk_family(device: Device, name: str, rays: int, seed: int) -> dict:
     """Check the walk on about `rays` rays of family `name`, "G1" or "G2".
 
     Returns {"rays", "leaks": rays with a stretch of path that no visited cell covers, "worst_chord": the longest
     such stretch in cells, "steps_over": rays with more than 3 steps per cell along an axis, "cases"}, the last by
-    name of the case. A `mistake` of MISTAKES is for the tests of this check.
+    name of the case.
     """
     found = {}
     for case, count in walk_cases(name, rays).items():
         grid = FAMILIES[name][case][0].grid(device, seed)
-        found[case] = check_walk(device, grid, case_rays(name, case, count, seed), mistake)
+        found[case] = check_walk(device, grid, case_rays(name, case, count, seed))
     sums = {key: sum(case[key] for case in found.values()) for key in ("rays", "leaks", "steps_over")}
     return {**sums, "worst_chord": max(case["worst_chord"] for case in found.values()), "cases": found}
 

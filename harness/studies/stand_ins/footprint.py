@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from harness import structures
 from harness.device.opened import open_device
@@ -64,10 +66,18 @@ def measure_here(name: str, step: str, device_part: str | None = None) -> Footpr
     else:
         raise DefrayError(f"unknown step '{step}'; known: {', '.join(STEPS)}")
     cpu_seconds = time.process_time() - cpu_started
-    # Kilobytes on Linux, bytes on macOS.
-    unit = 1 if sys.platform == "darwin" else 1024
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
-    return Footprint(name, step, count, seconds, cpu_seconds, peak)
+    return Footprint(name, step, count, seconds, cpu_seconds, peak_bytes())
+
+
+def peak_bytes() -> int:
+    """The largest resident size of this process so far."""
+    try:
+        # Linux's rusage begins with the size of the process that started this one.
+        status = Path("/proc/self/status").read_text()
+        return 1024 * int(re.search(r"^VmHWM:\s*(\d+) kB$", status, re.MULTILINE)[1])
+    except (OSError, TypeError):
+        unit = 1 if sys.platform == "darwin" else 1024  # kilobytes elsewhere than on macOS
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def measure_footprint(name: str, step: str, device_part: str | None = None) -> Footprint:

@@ -11,7 +11,7 @@ import numpy as np
 
 import scenes
 from harness.data import Rays, Scene
-from harness.device.opened import Device
+from harness.device.opened import Device, open_device
 from harness.errors import DefrayError, known
 from harness.inputs.rays import make_rays
 from harness.inputs.scenes import real_scene, stand_in_scene
@@ -202,6 +202,4 @@ def write_stored(device: Device, file: Path = STORED) -> None:
 
 
 if __name__ == "__main__":
-    from harness.device.opened import open_device
-
     write_stored(open_device(None))

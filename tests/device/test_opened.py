@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.device import opened as device_module
 from harness.device.machine import machine_description
 from harness.device.opened import open_device, probe_all
 from harness.device.runtime import cl
@@ -119,20 +118,41 @@ def test_doctor_survives_a_crashing_library(tmp_path):
     assert "crash.icd" in answer["remedy"]
 
 
-def test_probe_reports_a_kernel_that_does_not_run(monkeypatch):
-    """A runtime that lists a device and then fails is a failed probe with a remedy, not an exception."""
-    monkeypatch.setattr(device_module, "_ask", lambda *arguments: (None, "the runtime crashed (signal 11)"))
-    place = tuple(device_module._list_devices()[0]["place"])
-    probe = device_module._probe.__wrapped__(place)
-    assert not probe.ok
-    assert "signal 11" in probe.message
-    assert probe.remedy
+FAKE_PROBE = """
+import json, os, signal, sys
+if sys.argv[1] == "list":
+    print(json.dumps([{{"place": [0, 0], "platform": "Broken", "name": "thing", "version": "1", "is_cpu": True}}]))
+else:
+    {run}
+"""
+WITH_PROBE = """
+import sys
+from pathlib import Path
+from harness.device import opened
+from harness.errors import DefrayError
+opened.PROBE = Path(sys.argv[1])
+print(opened.probe_all())
+try:
+    opened.open_device("thing")
+except DefrayError as error:
+    print(error)
+"""
 
 
-def test_failing_devices_make_opening_fail_with_the_remedy(monkeypatch):
-    entry = {"place": [0, 0], "platform": "Broken", "name": "thing", "version": "", "is_cpu": True}
-    monkeypatch.setattr(device_module, "_list_devices", lambda: [entry])
-    monkeypatch.setattr(device_module, "_ask", lambda *arguments: (None, "wrong numbers"))
-    monkeypatch.setattr(device_module, "_probe", device_module._probe.__wrapped__)
-    with pytest.raises(DefrayError, match=r"Broken / thing: wrong numbers.*pocl-opencl-icd"):
-        open_device("thing")
+@pytest.mark.parametrize(
+    ("run", "failure"),
+    [
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "the runtime crashed (signal 11)"),
+        ("print(json.dumps('wrong numbers'))", "wrong numbers"),
+        ("sys.exit('SomeError: no memory')", "SomeError: no memory"),
+        ("sys.exit(3)", "exit code 3"),
+    ],
+)
+def test_a_device_that_is_listed_and_then_fails_is_refused_with_the_remedy(tmp_path, run, failure):
+    """In a process of its own, since answers of the probe are kept."""
+    (tmp_path / "probe.py").write_text(FAKE_PROBE.format(run=run))
+    command = [sys.executable, "-c", WITH_PROBE, str(tmp_path / "probe.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    probed, opened = done.stdout.splitlines()
+    assert "ok=False" in probed and failure in probed and "pocl-opencl-icd" in probed
+    assert f"Broken / thing: {failure}" in opened and "pocl-opencl-icd" in opened

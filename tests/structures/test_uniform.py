@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shapes import icosphere, lattice_walls, soup
+from shapes import icosphere, lattice_walls, sampled_cells, soup
 
 from harness import structures
 from harness.errors import DefrayError
@@ -37,17 +37,6 @@ def cells_of(grid) -> dict[tuple[int, int, int], set[int]]:
                     assert (np.diff(listed) > 0).all(), "references of a cell ascend without repeats"
                     found[tuple(int(v) for v in position)] = set(listed.tolist())
     return found
-
-
-def sampled_cells(triangles: np.ndarray, grid, samples: int = 60) -> set[tuple]:
-    """(cell, triangle) pairs that points on the triangles certainly fall into."""
-    generator = np.random.default_rng(0)
-    u, v = generator.random((2, samples, len(triangles), 1))
-    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    corners = triangles.astype(np.float64)
-    points = corners[:, 0] + u * (corners[:, 1] - corners[:, 0]) + v * (corners[:, 2] - corners[:, 0])
-    places = np.floor((points - grid.lower.astype(np.float64)) / grid.cell_size.astype(np.float64)).astype(int)
-    return {(*place, i) for layer in places for i, place in enumerate(layer.tolist())}
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=str)

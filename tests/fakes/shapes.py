@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 
 from harness.data import Rays
 from harness.spec.intersectors import INTERSECTORS
@@ -28,8 +29,6 @@ def soup(count: int = 400, seed: int = 5, size: float = 0.3) -> np.ndarray:
 
 def icosphere(divisions: int = 3, radius: float = 1.0, centre=(0.0, 0.0, 0.0)) -> np.ndarray:
     """A closed, nearly round mesh."""
-    import trimesh
-
     mesh = trimesh.creation.icosphere(subdivisions=divisions, radius=radius)
     return np.ascontiguousarray(mesh.triangles + np.array(centre), np.float32)
 
@@ -46,6 +45,22 @@ def lattice_walls(cells: int = 8) -> np.ndarray:
                 corners[:, (axis + 2) % 3] = [0, 0, cells, cells]
                 quads += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
     return np.array(quads, np.float32)
+
+
+def clumps(count: int = 600) -> np.ndarray:
+    """Small triangles in few places of a large box: mostly empty space, and two densities."""
+    generator = np.random.default_rng(8)
+    centres = generator.random((5, 3)) * 20
+    mesh = soup(count, size=0.2) * np.float32(0.4) + centres[generator.integers(5, size=count), None]
+    return np.concatenate([mesh, soup(40, seed=2, size=0.01) * np.float32(0.02) + centres[0]]).astype(np.float32)
+
+
+def slivers(count: int = 300) -> np.ndarray:
+    """Triangles as long as the scene and thin as a few ulp of it."""
+    generator = np.random.default_rng(9)
+    start, end = generator.random((2, count, 3))
+    near = start + generator.normal(size=(count, 3)) * 10.0 ** generator.uniform(-7, -3, (count, 1))
+    return np.stack([start, end, near], axis=1).astype(np.float32)
 
 
 def random_rays(count: int, seed: int = 11, low=0.0, high=1.0) -> Rays:
@@ -65,3 +80,14 @@ def aimed_rays(triangles: np.ndarray, origin, count: int, seed: int = 3) -> Rays
     directions = a + generator.random((count, 1)) * (b - a) - np.asarray(origin)
     origins = np.broadcast_to(np.asarray(origin, np.float32), (count, 3)).copy()
     return Rays(origins, directions.astype(np.float32), np.full(count, np.inf, np.float32), "file", seed)
+
+
+def sampled_cells(triangles: np.ndarray, grid, samples: int = 60) -> set[tuple]:
+    """(cell, triangle) pairs that points on the triangles certainly fall into."""
+    generator = np.random.default_rng(0)
+    u, v = generator.random((2, samples, len(triangles), 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    corners = triangles.astype(np.float64)
+    points = corners[:, 0] + u * (corners[:, 1] - corners[:, 0]) + v * (corners[:, 2] - corners[:, 0])
+    places = np.floor((points - grid.lower.astype(np.float64)) / grid.cell_size.astype(np.float64)).astype(int)
+    return {(*place, i) for layer in places for i, place in enumerate(layer.tolist())}

@@ -8,12 +8,13 @@ import io
 import shutil
 import socket
 import tarfile
-import zipfile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 from loopback import Server
+from made_up_archives import OBJ, tarred, zipped
 
 import scenes
 from harness.commands import fetch as fetch_command
@@ -28,7 +29,6 @@ from harness.inputs.fetch.download import Unreachable
 from harness.inputs.fetch.fetched import Ask, fetch
 from harness.inputs.scenes import list_scenes, load_scene
 
-OBJ = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf 1 3 4\n"
 TRIANGLES = [[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[1, 1, 0], [0, 1, 0], [0, 0, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]]
 
 
@@ -76,28 +76,8 @@ def place(monkeypatch, tmp_path, server):
     return Place()
 
 
-def zipped(files: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w", method) as archive:
-        for name, body in files.items():
-            archive.writestr(name, body)
-    return data.getvalue()
-
-
-def tarred(*members: tuple[tarfile.TarInfo, bytes]) -> bytes:
-    data = io.BytesIO()
-    with tarfile.open(fileobj=data, mode="w:gz") as archive:
-        for info, body in members:
-            info.size = len(body)
-            archive.addfile(info, io.BytesIO(body))
-    return data.getvalue()
-
-
 WHOLE = zipped({"readme.txt": b"hello", "small/small.obj": OBJ})
 LARGE = zipped({"small.obj": OBJ + b"# " + np.random.default_rng(0).bytes(300_000).hex().encode()})
-
-
-# ---------------------------------------------------------------- when all goes well
 
 
 def test_a_fetched_scene_is_loaded_in_place_of_the_stand_in(place):
@@ -156,9 +136,6 @@ def test_a_tar_archive_is_read(place):
     assert load_scene("small").triangles.tolist() == TRIANGLES
 
 
-# ---------------------------------------------------------------- pins
-
-
 def test_without_a_published_hash_the_first_fetch_pins_it(place):
     archive = place.archive(WHOLE, sha256=None, size=None)
     pin = place(archive)
@@ -187,9 +164,6 @@ def test_a_damaged_lock_file_is_one_line(place):
     (place.folder / "lock.json").write_text("{")
     with pytest.raises(DefrayError, match=r"lock\.json is damaged"):
         load_scene("small")
-
-
-# ---------------------------------------------------------------- when the network or the server fails
 
 
 def test_a_connection_that_breaks_is_taken_up_where_it_ended(place, server):
@@ -276,11 +250,8 @@ def test_no_network_is_one_line_that_names_the_stand_ins(place, monkeypatch):
         run_fetch("all", yes=True)
 
 
-# ---------------------------------------------------------------- when the disk is full
-
-
 def test_too_little_room_is_said_before_the_download(place, server, monkeypatch):
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 5, 5))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(total=10, used=5, free=5))
     message = place.refused(place.archive(WHOLE))
     assert "small.zip needs 0 MB in" in message and "0 MB are free" in message and not server.asked
 
@@ -313,9 +284,6 @@ def test_a_disk_that_fills_up_during_the_conversion_is_one_line(place, monkeypat
     assert not list(place.folder.glob("*.npz*"))
 
 
-# ---------------------------------------------------------------- when the archive is hostile or damaged
-
-
 @pytest.mark.parametrize("name", ["../evil.obj", "/etc/evil.obj", "a/../../evil.obj", "..\\evil.obj", "C:/evil.obj"])
 def test_a_name_that_leads_out_of_the_folder_is_refused(place, name):
     assert "leads out of its folder: refused" in place.refused(place.archive(zipped({name: OBJ, "small.obj": OBJ})))
@@ -336,8 +304,6 @@ def test_a_name_that_leads_out_of_the_folder_is_refused(place, name):
 def test_a_faulty_archive_is_refused(place, body, message):
     assert message in place.refused(place.archive(body))
 
-
-# ---------------------------------------------------------------- pbrt scenes of loose files
 
 PLY = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1, 2]], process=False).export(file_type="ply")
 
@@ -373,9 +339,6 @@ def test_a_scene_file_cannot_reach_out_of_its_folder(place, pbrt, server):
 def test_a_loose_file_that_is_not_there_is_one_line(place, pbrt, server):
     del server.files["/p/geometry/a.ply"]
     assert place.refused(pbrt).endswith("a.ply: HTTP 404 Not Found")
-
-
-# ---------------------------------------------------------------- the command
 
 
 def test_all_goes_on_after_a_failure_and_says_so_in_its_exit_code(place, server, monkeypatch, capsys):
