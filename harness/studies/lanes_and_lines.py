@@ -13,8 +13,7 @@ trip of a loop after the other:
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,8 +21,8 @@ import numpy as np
 from harness.data import Rays
 from harness.device.runtime import cl
 from harness.errors import DefrayError
-from harness.measure.group import Group, scene_facts
-from harness.records.coherence_row import SCHEMA, Coherence
+from harness.measure.group import Group, describe_grid, ray_facts, scene_facts
+from harness.records.coherence_row import Coherence, CoherenceBody
 from harness.records.origin import identity
 from harness.tracers.batch import Batch
 from harness.tracers.forward import Forward
@@ -165,7 +164,17 @@ class _Lockstep:
 
 
 def _coherence(model: str, lanes: int, steps: _Lockstep, tests: _Lockstep) -> Coherence:
-    return Coherence(model, lanes, steps.work, steps.trips, steps.uneven, tests.work, tests.trips, tests.uneven)
+    return Coherence(
+        model=model,
+        lanes=lanes,
+        steps=steps.work,
+        step_trips=steps.trips,
+        uneven_step_trips=steps.uneven,
+        tests=tests.work,
+        test_trips=tests.trips,
+        uneven_test_trips=tests.uneven,
+        **dict.fromkeys(("line_trips", "line_tests", "lines_64", "lines_128"), 0),
+    )
 
 
 def _chunks(cell: np.ndarray, pairs: np.ndarray, lists: Lists, lanes: int, steps: _Lockstep) -> Coherence:
@@ -252,8 +261,8 @@ def distinct(values: np.ndarray) -> np.ndarray:
 WIDTHS = (8, 32)
 
 
-def measure_coherence(specs: list, wave: int, device) -> dict:
-    """The row of one scene, still without command, time and machine; `specs`: the forward run and the deferred one.
+def measure_coherence(specs: list, wave: int, device) -> CoherenceBody:
+    """What a row says of one scene; `specs`: the forward run and the deferred one.
 
     Raises DefrayError where the sequences do not make the tracers' own counts.
     """
@@ -270,18 +279,17 @@ def measure_coherence(specs: list, wave: int, device) -> dict:
                 counts.append(forward_coherence(sequences, lists, lanes))
             else:
                 counts += deferred_coherence(sequences, lists, lanes)
-    spec = dataclasses.asdict(specs[0].grid)
+    spec = asdict(specs[0].grid)
     facts = {"scene": specs[0].scene, "rays": len(group.rays), "kind": group.rays.kind, "seed": group.rays.seed}
-    return {
-        "schema": SCHEMA,
-        "id": identity(**facts, grid=spec, wave=wave, intersector=intersector.name, what="coherence"),
-        "scene": scene_facts(group.shared.scene),
-        "intersector": intersector.name,
-        "wave": wave,
-        "grid": setting.grid.describe(),
-        "rays": {"kind": group.rays.kind, "count": len(group.rays), "seed": group.rays.seed},
-        "counts": [one.as_dict() for one in counts],
-    }
+    return CoherenceBody(
+        id=identity(**facts, grid=spec, wave=wave, intersector=intersector.name, what="coherence"),
+        scene=scene_facts(group.shared.scene),
+        intersector=intersector.name,
+        wave=wave,
+        grid=describe_grid(setting.grid),
+        rays=ray_facts(group.rays),
+        counts=counts,
+    )
 
 
 def compare_counts(sequences, lists, counters, variant: str) -> None:

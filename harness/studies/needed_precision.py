@@ -14,8 +14,9 @@ from harness.device.stopwatch import Stopwatch
 from harness.inputs.rays import bounce, find_view, image_rays, primary_rays
 from harness.measure.group import scene_facts
 from harness.measure.scene import SharedScene
-from harness.records.accuracy_row import SCHEMA
-from harness.reference.check import Agreement, Checker
+from harness.records.agreement import Agreement
+from harness.records.precision_row import PrecisionBody
+from harness.reference.check import Checker
 from harness.reference.errors_of_t import diagonal_of, distance_rmse
 from harness.reference.exact import zero_area
 from harness.spec import intersectors
@@ -60,8 +61,8 @@ class _Entry:
 
 def measure_precision(
     shared: SharedScene, rays: int, repetitions: int, device, tell: Tell = lambda *_: None
-) -> Iterator[dict]:
-    """Rows of `precision.jsonl` for one scene, without id, command, time and machine.
+) -> Iterator[PrecisionBody]:
+    """The bodies of the rows of `precision.jsonl` for one scene.
 
     Resolution and precision are measured with `rays` primary rays, all of them timed and compared with the exact t;
     rays a pixel with small images. Raises DefrayError for a grid that does not fit.
@@ -85,12 +86,12 @@ def measure_precision(
     agreements = {id(entry): checker.check(entry.hits) for entry in entries}
     reference, diagonal = checker.reference_t(), diagonal_of(shared.scene.triangles)
     for entry in sorted(entries, key=lambda entry: (entry.knob, entry.value)):
-        found = agreements[id(entry)]
-        yield study.row(entry.knob, entry.value, entry.variant, rays, entry.seconds) | {
-            "error": distance_rmse(primary, entry.hits.t, reference, diagonal),
-            "image_error": image_error if entry.value == "half" else None,
-            "differing": differing(found),
-        }
+        yield study.body(
+            *(entry.knob, entry.value, entry.variant, rays, entry.seconds),
+            error=distance_rmse(primary, entry.hits.t, reference, diagonal),
+            image_error=image_error if entry.value == "half" else None,
+            differing=differing(agreements[id(entry)]),
+        )
     yield from samples
 
 
@@ -132,21 +133,23 @@ class _Study:
         hits = tracer.trace(rays, watch)
         return hits, watch.seconds["total"]
 
-    def row(self, knob: str, value: str, variant: str, rays: int, seconds: list[float]) -> dict:
-        """What every row has."""
-        return {
-            "schema": SCHEMA,
-            "scene": scene_facts(self.scene),
-            "knob": knob,
-            "value": value,
-            "variant": variant,
-            "rays": rays,
-            "seconds": seconds,
-            "rate": stats.interval(stats.rates_of(seconds, rays)).as_dict(),
-        }
+    def body(
+        self, knob: str, value: str, variant: str, rays: int, seconds: list[float], **found: float | None
+    ) -> PrecisionBody:
+        """What a row says of one value of a knob; `found`: its errors."""
+        return PrecisionBody(
+            scene=scene_facts(self.scene),
+            knob=knob,
+            value=value,
+            variant=variant,
+            rays=rays,
+            seconds=seconds,
+            rate=stats.interval(stats.rates_of(seconds, rays)),
+            **found,
+        )
 
-    def images(self, tell: Tell) -> tuple[float, list[dict]]:
-        """Error of the image that half precision makes, and the rows of `samples`.
+    def images(self, tell: Tell) -> tuple[float, list[PrecisionBody]]:
+        """Error of the image that half precision makes, and the bodies of `samples`.
 
         Half precision is compared with single at the same directions, so that noise does not count; few rays a
         pixel are compared with many others.
@@ -160,13 +163,13 @@ class _Study:
         many, *_ = self._open_share(self.of_full, rays, full, range(MANY))
         tell("ambient occlusion in half precision", 0.65)
         rough, *_ = self._open_share(self.of_half, rays, half, range(MANY))
-        rows = []
+        bodies = []
         for count in SAMPLES:
             tell(f"ambient occlusion, {count} rays a pixel", 0.8)
             few, seconds, differ = self._open_share(self.of_full, rays, full, range(MANY, MANY + count), check=True)
-            row = self.row("samples", str(count), str(self.variant), count * len(rays), [seconds])
-            rows.append(row | {"error": rmse(few, many), "differing": differ})
-        return rmse(rough, many), rows
+            made = ("samples", str(count), str(self.variant), count * len(rays), [seconds])
+            bodies.append(self.body(*made, error=rmse(few, many), differing=differ))
+        return rmse(rough, many), bodies
 
     def _open_share(
         self, tracer: Tracer, primary: Rays, primitive, turns: range, check: bool = False

@@ -12,7 +12,7 @@ ORDER = 93
 SECTION = "Speed against accuracy"
 TITLE = "Speed at each accuracy floor"
 NEEDS = "rows of 'defray accuracy'"
-PADDED = "padded"  # the binning that loses nothing, see harness/grid.py
+PADDED = "padded"  # the overlap test that loses nothing, see harness/structures/base.py
 FLOORS = (1.0, 1e-2, 1e-4, 3e-6)  # largest share of aimed rays that may leak; 1 is no floor
 
 
@@ -21,7 +21,7 @@ def select(runs: Results) -> pd.DataFrame:
     table = accuracy_table(runs)
     rows = []
     for _, scene in table.groupby("scene", sort=False) if len(table) else ():
-        deferred = scene[(scene["tracer"] == "deferred") & (scene["binning"] == PADDED)]
+        deferred = scene[(scene["tracer"] == "deferred") & (scene["overlap"] == PADDED)]
         free = fastest(deferred, FLOORS[0])
         for floor in FLOORS:
             rows.append(

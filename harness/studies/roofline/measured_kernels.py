@@ -3,7 +3,6 @@ ceilings. Rows of `roofline.jsonl`."""
 
 from __future__ import annotations
 
-import dataclasses
 import random
 from collections.abc import Callable, Iterator, Sequence
 
@@ -11,20 +10,20 @@ from harness import stats
 from harness.data import differing
 from harness.device.stopwatch import OUTSIDE, KernelWatch
 from harness.errors import DefrayError
-from harness.measure.group import Group, Run, scene_facts
+from harness.measure.group import Group, Run, describe_grid, ray_facts, scene_facts
 from harness.measure.interleave import warm_up
 from harness.records.origin import identity
-from harness.records.roofline_row import SCHEMA
-from harness.reference.check import Agreement
+from harness.records.agreement import Agreement
+from harness.records.roofline_row import NOT_STATED, Ceiling, CeilingValues, KernelRow, RooflineBody
 from harness.spec.run_spec import RunSpec
 from harness.studies.roofline.ceilings import UNITS, Ceilings
-from harness.studies.roofline.kernel_work import Facts, KernelWork, rest_name, walked_rays, work_of
+from harness.studies.roofline.kernel_work import Facts, rest_name, walked_rays, work_of
 
 
 def measure_roofline(
     specs: Sequence[RunSpec], device, tell: Callable[[str], None] = lambda _: None
-) -> Iterator[dict]:
-    """A row for each spec of one scene, still without command, time and machine; ceilings take turns with the runs.
+) -> Iterator[RooflineBody]:
+    """The body of a row for each spec of one scene; ceilings take turns with the runs.
 
     Raises DefrayError for a tracer that does not run on the device, and what a group of runs raises.
     """
@@ -39,7 +38,7 @@ def measure_roofline(
     samples, watches = _repeat(group, runs, ceilings, tell)
     for run in runs:
         agreement = group.check(run, runs)
-        yield _row(group, run, agreement, watches[run.spec.id], _ceiling_rows(ceilings, samples))
+        yield _body(group, run, agreement, watches[run.spec.id], _ceiling_values(ceilings, samples))
 
 
 def _repeat(group: Group, runs: Sequence[Run], ceilings: Ceilings, tell) -> tuple[list[dict], dict[str, list]]:
@@ -59,17 +58,13 @@ def _repeat(group: Group, runs: Sequence[Run], ceilings: Ceilings, tell) -> tupl
     return samples, watches
 
 
-def _ceiling_rows(ceilings: Ceilings, samples: Sequence[dict]) -> dict:
+def _ceiling_values(ceilings: Ceilings, samples: Sequence[dict]) -> CeilingValues:
     sizes = ceilings.sizes
-    rows = {
-        name: {
-            "unit": unit,
-            "samples": [s[name] for s in samples],
-            "rate": stats.interval([s[name] for s in samples]).as_dict(),
-        }
-        for name, unit in UNITS.items()
-    }
-    return {**rows, "lanes": sizes.lanes, "memory_bytes": sizes.memory, "cache_bytes": sizes.cache}
+    found = {}
+    for name, unit in UNITS.items():
+        values = [sample[name] for sample in samples]
+        found[name] = Ceiling(unit=unit, samples=values, rate=stats.interval(values))
+    return CeilingValues(**found, lanes=sizes.lanes, memory_bytes=sizes.memory, cache_bytes=sizes.cache)
 
 
 def facts_of(group: Group, run: Run) -> Facts:
@@ -94,32 +89,31 @@ def facts_of(group: Group, run: Run) -> Facts:
     )
 
 
-def _row(group: Group, run: Run, agreement: Agreement, watches: list[KernelWatch], ceilings: dict) -> dict:
-    spec, grid, rays = run.spec, group.setting.grid, group.rays
-    valid = agreement.valid and agreement.reference != "none"
-    facts = facts_of(group, run)
-    return {
-        "schema": SCHEMA,
-        "id": identity(spec=spec.model_dump(mode="json"), what="roofline"),
-        "scene": scene_facts(group.shared.scene),
-        "variant": str(spec.variant),
-        "tracer": run.tracer.name,
-        "intersector": run.tracer.intersector.name,
-        "options": spec.variant.options,
-        "lanes": run.tracer.lanes,
-        "grid": grid.describe() if run.tracer.needs_grid else None,
-        "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
-        "repetitions": len(watches),
-        "ceilings": ceilings,
-        "seconds": [watch.seconds["total"] for watch in watches] if valid else [],
-        "kernels": kernel_rows(watches, facts) if valid else [],
-        "counters": dataclasses.asdict(run.counters),
-        "agreement": agreement.to_record(),
-        "valid": valid,
-    }
+def _body(
+    group: Group, run: Run, agreement: Agreement, watches: list[KernelWatch], ceilings: CeilingValues
+) -> RooflineBody:
+    spec, grid, valid = run.spec, group.setting.grid, agreement.valid and agreement.is_checked
+    return RooflineBody(
+        id=identity(spec=spec.model_dump(mode="json"), what="roofline"),
+        scene=scene_facts(group.shared.scene),
+        variant=str(spec.variant),
+        tracer=run.tracer.name,
+        intersector=run.tracer.intersector.name,
+        options=spec.variant.options,
+        lanes=run.tracer.lanes,
+        grid=describe_grid(grid) if run.tracer.needs_grid else None,
+        rays=ray_facts(group.rays),
+        repetitions=len(watches),
+        ceilings=ceilings,
+        seconds=[watch.seconds["total"] for watch in watches] if valid else [],
+        kernels=kernel_rows(watches, facts_of(group, run)) if valid else [],
+        counters=run.counters,
+        agreement=agreement,
+        valid=valid,
+    )
 
 
-def kernel_rows(watches: Sequence[KernelWatch], facts: Facts) -> list[dict]:
+def kernel_rows(watches: Sequence[KernelWatch], facts: Facts) -> list[KernelRow]:
     """Every kernel, in the order of its first launch, then what each stage takes beyond its kernels."""
     names = list(dict.fromkeys(key for watch in watches for key in watch.kernels))
     rows = []
@@ -132,18 +126,14 @@ def kernel_rows(watches: Sequence[KernelWatch], facts: Facts) -> list[dict]:
     return rows
 
 
-def _kernel_row(name: str, stage: str, seconds: list[float], launches: int, facts: Facts) -> dict:
-    work = work_of(name, facts)
-    stated = (
-        dataclasses.asdict(work) if work else dict.fromkeys(field.name for field in dataclasses.fields(KernelWork))
+def _kernel_row(name: str, stage: str, seconds: list[float], launches: int, facts: Facts) -> KernelRow:
+    work = work_of(name, facts) or NOT_STATED
+    return KernelRow(
+        name=name,
+        stage=stage,
+        own=launches > 0,
+        launches=launches,
+        seconds=seconds,
+        nanoseconds=stats.interval([1e9 * value / facts.rays for value in seconds]),
+        **work.as_json(),
     )
-    nanoseconds = stats.interval([1e9 * value / facts.rays for value in seconds]).as_dict()
-    return {
-        "name": name,
-        "stage": stage,
-        "own": launches > 0,
-        "launches": launches,
-        "seconds": seconds,
-        "nanoseconds": nanoseconds,
-        **stated,
-    }

@@ -11,6 +11,7 @@ from harness import tracers
 from harness.data import Rays, Scene
 from harness.device.opened import Device
 from harness.device.stopwatch import Stopwatch
+from harness.records.stability_row import KernelRate
 from harness.reference.check import Checker
 from harness.spec.intersectors import Intersector
 from harness.stats import interval
@@ -29,10 +30,8 @@ def kernel_rates(
     progress: Callable[[str, int, int], None] = lambda *_: None,
     rays: int = RAYS,
     repetitions: int = REPETITIONS,
-) -> list[dict]:
-    """`{intersector, contraction, wrong, tests_per_second: {median, low, high} or None}` of each in both modes.
-
-    `wrong`: rays whose hit differs from the reference; where their check fails there is no rate.
+) -> list[KernelRate]:
+    """The rate of each in both modes; where the check of its hits fails there is none.
 
     Repetitions are interleaved in random order. A mesh of 1,280 triangles stays in cache: the rate is that of
     arithmetic. A test is one ray with one triangle.
@@ -57,12 +56,12 @@ def kernel_rates(
             runs[key].trace(shot, watch)
             samples[key].append(tests / watch.seconds["intersect"])
     return [
-        {
-            "intersector": name,
-            "contraction": mode,
-            "wrong": sum(getattr(verdicts[name, mode], kind) for kind in ("t_off", "wrong", "missed", "phantom")),
-            "tests_per_second": interval(values).as_dict() if verdicts[name, mode].valid else None,
-        }
+        KernelRate(
+            intersector=name,
+            contraction=mode,
+            wrong=sum(getattr(verdicts[name, mode], kind) for kind in ("t_off", "wrong", "missed", "phantom")),
+            tests_per_second=interval(values) if verdicts[name, mode].valid else None,
+        )
         for (name, mode), values in samples.items()
     ]
 

@@ -12,6 +12,7 @@ import numpy as np
 from harness.data import Rays
 from harness.device.opened import Device
 from harness.errors import DefrayError
+from harness.records.stability_row import StressRow
 from harness.spec.intersectors import DEFAULT, INTERSECTORS, Intersector, find
 from harness.spec.stress_suite import METRICS, Family
 from harness.studies.stability import offsets, walks, whole_grids, whole_scenes
@@ -20,7 +21,6 @@ from harness.studies.stability.failures import Judge, merge
 from harness.studies.stability.pairs import MODES, Pairs, PairTester
 from harness.studies.stability.single_triangle import single_pairs
 
-ROW = ("intersector", "contraction", "family", "size", "rays", *METRICS, "passed")
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ def run_suite(
     families: Sequence[Family],
     size: str = "full",
     progress: Callable[[Step], None] = lambda _: None,
-) -> Iterator[dict]:
-    """Yield one row a family, intersector and contraction mode, with the keys of ROW.
+) -> Iterator[StressRow]:
+    """Yield one row a family, intersector and contraction mode.
 
     `size`: `full` or `smoke`. Raises DefrayError where inputs are not the bits that the suite froze.
     """
@@ -60,8 +60,14 @@ def run_suite(
             progress(Step(f"{family.id}: {entry.name}, contraction {mode}", done, total))
             metrics = merge(trial.measure(entry, mode))
             done += 1
-            named = {"intersector": entry.name, "contraction": mode, "family": family.id, "size": size}
-            yield named | metrics | {"passed": family.passes(metrics)}
+            yield StressRow(
+                intersector=entry.name,
+                contraction=mode,
+                family=family.id,
+                size=size,
+                passed=family.passes(metrics),
+                **metrics,
+            )
     progress(Step("done", total, total))
 
 

@@ -138,9 +138,9 @@ def trace(setting: Prepared, rays: Rays, tracer: str, intersector: Intersector, 
     return tracers.find(tracer)(setting, intersector, options).trace(rays, Stopwatch(setting.device.queue))
 
 
-def with_grid(setting: Prepared, binning: str) -> Prepared:
+def with_grid(setting: Prepared, overlap: str) -> Prepared:
     """The same scene with a grid of SPEC."""
-    return dataclasses.replace(setting, grid=build_grid(setting.device_scene, SPEC, binning))
+    return dataclasses.replace(setting, grid=build_grid(setting.device_scene, SPEC, overlap))
 
 
 def changed(hits: Hits, expected: Hits) -> np.ndarray:
@@ -174,10 +174,10 @@ def grid_family(device: Device, intersector: Intersector, contraction: str, rays
     return {**sums, "cases": found}
 
 
-def binning_study(device: Device, intersector: Intersector, rays: int, seed: int, names=tuple(SCENES)) -> list[dict]:
+def overlap_study(device: Device, intersector: Intersector, rays: int, seed: int, names=tuple(SCENES)) -> list[dict]:
     """What every overlap test and exit rule stores and loses in every scene, `rays` rays each.
 
-    One dictionary for each: {"scene", "binning", "exit", "triangles", "references", "rays", "hits", "lost": hits
+    One dictionary for each: {"scene", "overlap", "exit", "triangles", "references", "rays", "hits", "lost": hits
     that become misses, "leaks": rays whose hit is lost or changed, "leaks_per_million"}. Forward tracing, against
     brute force.
     """
@@ -186,15 +186,15 @@ def binning_study(device: Device, intersector: Intersector, rays: int, seed: int
         triangles, aimed = grid_inputs(name, rays, seed)
         bare = Prepared.on_device(Scene(name, triangles), device)
         expected = trace(bare, aimed, "brute", intersector, {})
-        for binning in OVERLAPS:
-            setting = with_grid(bare, binning)
+        for overlap in OVERLAPS:
+            setting = with_grid(bare, overlap)
             for rule in EXITS:
                 hits = trace(setting, aimed, "forward", intersector, {"exit": rule})
                 leaks, hit = int(changed(hits, expected).sum()), expected.primitive >= 0
                 rows.append(
                     {
                         "scene": name,
-                        "binning": binning,
+                        "overlap": overlap,
                         "exit": rule,
                         "triangles": len(triangles),
                         "references": setting.grid.describe()["references"],
