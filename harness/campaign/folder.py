@@ -151,11 +151,6 @@ def write_json(path: Path, value: dict) -> None:
         raise DefrayError(f"cannot write {path}: {error.strerror}") from None
 
 
-def passed(record: dict) -> bool:
-    """Whether a run did not fail its check; one that asked for none has not failed it."""
-    return record["valid"] or record["agreement"]["reference"] == "none"
-
-
 def _message(error: Exception) -> str:
     """One line for people."""
     if isinstance(error, DefrayError):

@@ -21,7 +21,10 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from harness.records.agreement import why_failed
+from harness.records.run_row import Record
 from harness.spec.run_spec import RunSpec
+from harness.stats import megarays
 
 
 class SceneProgress:
@@ -203,17 +206,16 @@ class Display:
             self.time_left.measured(self._running, self._clock() - self._started)
         self._running = []
 
-    def finished(self, spec: RunSpec, record: dict) -> None:
+    def finished(self, spec: RunSpec, record: Record) -> None:
         """Print the line of one stored run."""
-        self.time_left.triangles[spec.scene] = record["scene"]["triangles"]
-        if record["agreement"]["reference"] == "none":
+        self.time_left.triangles[spec.scene] = record.scene.triangles
+        if not record.agreement.is_checked:
             self._line(spec, "not checked, hence no rate")
-            return
-        if not record["valid"]:
-            self._line(spec, f"[red]check failed: {escape(disagreement(record['agreement']))}, no rate[/red]")
-            return
-        rate = record["rate"]["total"]
-        self._line(spec, f"{rate['median'] / 1e6:.3g} Mrays/s valid" if rate else "valid, no rate")
+        elif record.failed:
+            self._line(spec, f"[red]check failed: {escape(why_failed(record.agreement))}, no rate[/red]")
+        else:
+            rate = record.rate.total
+            self._line(spec, f"{megarays(rate.median):.3g} Mrays/s valid" if rate else "valid, no rate")
 
     def failed(self, spec: RunSpec, message: str) -> None:
         """Print the line of one run that could not be carried out."""
@@ -246,11 +248,3 @@ class _TimeLeftColumn(ProgressColumn):
 
     def render(self, task) -> Text:
         return Text(self._text())
-
-
-def disagreement(agreement: dict) -> str:
-    """Why a check failed, with its reference: `3 of 64,000 rays missed (against embree)`."""
-    kinds = ("wrong", "missed", "phantom", "t_off", "nonfinite")
-    counts = [f"{agreement[kind]} {kind.replace('_', '-')}" for kind in kinds if agreement.get(kind)]
-    reason = agreement.get("reason") or ", ".join(counts) or "hits differ"
-    return f"{reason} (against {agreement['reference']})"

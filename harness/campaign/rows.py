@@ -14,7 +14,9 @@ from harness.campaign.progress import scene_progress
 from harness.device.machine import machine_description
 from harness.device.opened import open_device
 from harness.inputs.scenes import check_name
-from harness.records.origin import row_facts
+from harness.records.origin import finish
+from harness.records.record_file import RecordFile
+from harness.records.schema import Body, Row
 
 
 def scene_specs(scenes: Sequence[str], variants: list, grid, **common) -> dict[str, list]:
@@ -28,9 +30,9 @@ def measured_rows(
     groups: dict[str, list],
     device: str | None,
     out: Path,
-    file_of: Callable[[Path], Any],
-    measure: Callable[[list, Any, Callable[[str], None]], Iterable[dict]],
-) -> list[dict]:
+    file_of: Callable[[Path], RecordFile],
+    measure: Callable[[list, Any, Callable[[str], None]], Iterable[Body]],
+) -> list[Row]:
     """Rows of all scenes, each stored in `file_of(out)` as soon as `measure(specs, device, tell)` yields it."""
     console, opened, rows = Console(stderr=True), open_device(device), []
     with locked(out), scene_progress(console, len(groups)) as progress:
@@ -38,8 +40,8 @@ def measured_rows(
         file.repair()
         for name, specs in groups.items():
             progress.start(name)
-            for row in measure(specs, opened, lambda stage: progress.tell(stage, 0.5)):
-                rows.append(row | row_facts(machine_description(opened)))
+            for body in measure(specs, opened, lambda stage: progress.tell(stage, 0.5)):
+                rows.append(finish(file.row, body, machine_description(opened)))
                 file.append(rows[-1])
             progress.end()
     return rows

@@ -24,7 +24,6 @@ from harness.campaign.folder import (
     _store_error,
     _Sweep,
     locked,
-    passed,
 )
 from harness.campaign.plan import AccuracyRequest, SceneTask, expand
 from harness.campaign.progress import Display, SceneProgress, TimeLeft, scene_progress
@@ -35,16 +34,18 @@ from harness.inputs.memory import announcements
 from harness.inputs.scenes import expected_triangles, load_scene
 from harness.measure.pipeline import run_group
 from harness.measure.scene import shared_scene
-from harness.records.accuracy_row import accuracy_file
-from harness.records.origin import finish, identity, row_facts, source_of
-from harness.records.precision_row import precision_file
+from harness.records.accuracy_row import AccuracyRow, accuracy_file
+from harness.records.origin import finish, identity
+from harness.records.precision_row import PrecisionRow, precision_file
 from harness.records.record_file import RecordFile
+from harness.records.run_row import Record
+from harness.records.schema import Row
 from harness.spec.run_spec import RunSpec
 from harness.studies.errors_and_leaks import default_contenders, describe, measure_accuracy
 from harness.studies.needed_precision import SAMPLES, measure_precision
 
 
-def run_accuracy(request: AccuracyRequest) -> list[dict]:
+def run_accuracy(request: AccuracyRequest) -> list[AccuracyRow]:
     """Measure, store every row as soon as it is whole, and return the rows of the request, those on file included.
 
     Raises DefrayError where a scene, a variant or the folder cannot be used.
@@ -65,7 +66,7 @@ def run_accuracy(request: AccuracyRequest) -> list[dict]:
                 for row in _measured(part, device, progress):
                     file.append(row)
                     stored |= stored_rows([row], device)
-                    facts[part.scene] = source_of(row["scene"])
+                    facts[part.scene] = row.scene.geometry
                     progress.line(describe(row))
         with scene_progress(console, sum(part.precision for part in parts)) as progress:
             _run_precision(request, parts, device, progress)
@@ -73,13 +74,13 @@ def run_accuracy(request: AccuracyRequest) -> list[dict]:
     return [stored[part.plan.id_of(part.scene, one), *facts[part.scene]] for part in parts for one in part.contenders]
 
 
-def stored_rows(rows: Sequence[dict], device) -> dict[tuple, dict]:
+def stored_rows(rows: Sequence[Row], device) -> dict[tuple, Row]:
     """Rows of a device by id and by what they were measured on: a mesh that has changed since is another one."""
-    return {(row["id"], *source_of(row["scene"])): row for row in rows if row["machine"]["device"] == device.name}
+    return {(row.id, *row.scene.geometry): row for row in rows if row.machine.device == device.name}
 
 
-def _facts_on_file(part: SceneTask, stored: dict[tuple, dict]) -> tuple[str, str] | None:
-    """`source_of` the scene as it is now; None where no row is on file that might be of it, and it is not loaded."""
+def _facts_on_file(part: SceneTask, stored: dict[tuple, Row]) -> tuple[str, str] | None:
+    """The scene's geometry as it is now; None where no row on file might be of it, and it is not loaded."""
     ids = {part.plan.id_of(part.scene, one) for one in part.contenders}
     if not any(key[0] in ids for key in stored):
         return None
@@ -87,7 +88,7 @@ def _facts_on_file(part: SceneTask, stored: dict[tuple, dict]) -> tuple[str, str
     return scene.source, scene.sha256
 
 
-def _missing(part: SceneTask, stored: dict[tuple, dict], facts: tuple[str, str] | None) -> SceneTask:
+def _missing(part: SceneTask, stored: dict[tuple, Row], facts: tuple[str, str] | None) -> SceneTask:
     """The part without the contenders that are on file, measured on the scene as it is now."""
     return replace(
         part,
@@ -99,14 +100,15 @@ def _missing(part: SceneTask, stored: dict[tuple, dict], facts: tuple[str, str] 
     )
 
 
-def _measured(part: SceneTask, device, progress: SceneProgress) -> Iterator[dict]:
+def _measured(part: SceneTask, device, progress: SceneProgress) -> Iterator[AccuracyRow]:
     """Whole rows of one scene."""
     if not part.contenders:
         return
     progress.start(part.scene)
     shared = shared_scene(part.scene, device)
-    for row in measure_accuracy(shared, part.contenders, part.plan, device, progress.tell):
-        yield row | row_facts(machine_description(device)) | {"id": part.plan.id_of(part.scene, row["variant"])}
+    for body in measure_accuracy(shared, part.contenders, part.plan, device, progress.tell):
+        named = part.plan.id_of(part.scene, body.variant)
+        yield finish(AccuracyRow, body, machine_description(device), id=named)
     progress.end()
 
 
@@ -125,12 +127,9 @@ def _run_precision(request: AccuracyRequest, parts: list[SceneTask], device, pro
         if (last, shared.scene.source, shared.scene.sha256) in stored:
             progress.end()
             continue
-        for row in measure_precision(shared, rays, repetitions, device, progress.tell):
-            file.append(
-                row
-                | row_facts(machine_description(device))
-                | {"id": identity(**facts, knob=row["knob"], value=row["value"])}
-            )
+        for body in measure_precision(shared, rays, repetitions, device, progress.tell):
+            named = identity(**facts, knob=body.knob, value=body.value)
+            file.append(finish(PrecisionRow, body, machine_description(device), id=named))
         progress.end()
         progress.line(f"{part.scene} … precision and resolution: rows in {file.path}")
 
@@ -196,7 +195,7 @@ def _open_sweep(request: SweepRequest, specs: list[RunSpec], console: Console) -
     records = RecordFile(request.out / "records.jsonl", warn=warn)
     if not request.resume and records.path.exists() and records.path.stat().st_size:
         raise DefrayError(f"{request.out} already has records; pass --resume to go on, or choose another --out")
-    stored = {record["id"]: passed(record) for record in records.repair()}
+    stored = {record.id: not record.failed for record in records.repair()}
     header = _header(request, specs, warn)
     planned = {spec.id for spec in specs}
     sweep = _Sweep(request, specs, console, records, {k: v for k, v in stored.items() if k in planned})
@@ -287,11 +286,11 @@ def _attempt(sweep: _Sweep, remaining: list[RunSpec], device, display: Display) 
         except Exception as error:  # a fault in one run must not cost the others theirs
             raise _RunFailed(error, running if running in remaining else None) from error
         try:
-            record = finish(body, spec, machine_description(device))
+            record = finish(Record, body, machine_description(device), id=spec.id)
         except DefrayError as error:
             raise _RunFailed(error, spec) from error
         sweep.records.append(record)
-        sweep.stored[spec.id] = passed(record)
+        sweep.stored[spec.id] = not record.failed
         remaining.remove(spec)
         display.finished(spec, record)
 

@@ -17,9 +17,9 @@ VariantsOption = Annotated[
     str | None,
     typer.Option(
         metavar="A,B,...",
-        help="tracer:intersector[:option=value...], also binning=padded, closed, open or box (the grid's overlap "
-        "test). By default every intersector in the deferred tracer, contraction off and on, every binning, "
-        "forward, and Embree; with --tier, the tier's.",
+        help="tracer:intersector[:option=value...], also overlap=padded, closed, open or box (the test "
+        "that fills the grid). By default every intersector in the deferred tracer, contraction off and on, every "
+        "overlap test, forward, and Embree; with --tier, the tier's.",
     ),
 ]
 EPILOG = (
@@ -71,4 +71,4 @@ def accuracy(
     parts = [replace(part, **given) for part in parts]
     rows = run_accuracy(AccuracyRequest(parts, out, resume, device))
     if json:
-        print_json(rows)
+        print_json([row.as_json() for row in rows])

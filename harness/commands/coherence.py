@@ -19,7 +19,7 @@ from harness.commands.options import (
     StructureOption,
     show_rows,
 )
-from harness.records.coherence_row import Coherence, coherence_file, predicted_ratios
+from harness.records.coherence_row import CoherenceBody, coherence_file, predicted_ratios
 from harness.spec.run_spec import Variant, parse_count
 from harness.spec.structure import parse_grid
 from harness.studies.lanes_and_lines import WIDTHS, measure_coherence
@@ -55,10 +55,10 @@ def coherence(
     show_rows(rows, json, print_counts)
 
 
-def print_counts(row: dict) -> None:
+def print_counts(row: CoherenceBody) -> None:
     """Counts of one row and what they predict, on standard output."""
-    counts = [Coherence(**one) for one in row["counts"]]
-    table = Table(title=f"{row['scene']['name']}, {row['rays']['count']:,} rays, wave {row['wave']}")
+    counts, rays = row.counts, row.rays.count
+    table = Table(title=f"{row.scene.name}, {rays:,} rays, wave {row.wave}")
     for name in (
         "lanes",
         "tracer",
@@ -71,7 +71,6 @@ def print_counts(row: dict) -> None:
         "128 B lines",
     ):
         table.add_column(name, justify="left" if name == "tracer" else "right")
-    rays = row["rays"]["count"]
     for one in sorted(counts, key=lambda c: c.lanes):
         table.add_row(
             str(one.lanes),

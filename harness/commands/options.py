@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from harness.errors import DefrayError
+from harness.records.schema import PartType
 
 SceneArgument = Annotated[
     str, typer.Argument(metavar="SCENE_OR_FILE", help="A name that 'defray scenes' lists, or a mesh file.")
@@ -78,10 +79,10 @@ def print_error(message: str) -> None:
     print(f"{red}error:{plain} {message}", file=sys.stderr)
 
 
-def show_rows(rows: list[dict], json: bool, show: Callable[[dict], None]) -> None:
+def show_rows(rows: Sequence[PartType], json: bool, show: Callable[[PartType], None]) -> None:
     """JSON of all rows on standard output, or each as `show` prints it."""
     if json:
-        print_json(rows)
+        print_json([row.as_json() for row in rows])
         return
     for row in rows:
         show(row)

@@ -12,10 +12,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from harness.analysis.names import two_digits
 from harness.commands.options import DeviceOption, JsonOption, print_json
 from harness.device.machine import machine_description
 from harness.device.opened import open_device
-from harness.records import stability_row as report
+from harness.records.stability_row import ResultsFile, StressRow
 from harness.spec.intersectors import DEFAULT, INTERSECTORS, find
 from harness.spec.stress_suite import families, select, size_of
 from harness.studies.stability.kernel_rates import kernel_rates
@@ -50,18 +51,18 @@ def stability(
     opened = open_device(device)
     modes = contracts(opened)
     _tell_of_contraction(opened.name, modes)
-    file = None if out is None else report.ResultsFile(out, machine_description(opened), modes)
+    file = None if out is None else ResultsFile(out, machine_description(opened), modes)
     rows = _measure(opened, chosen(intersector, opened), families, size, file)
     if json:
-        print_json(rows)
+        print_json([row.as_json() for row in rows])
     else:
         console = Console(width=None if sys.stdout.isatty() else 240)
-        console.print(report.table(rows))
-        console.print(report.LEGEND, highlight=False)
-    failed = [row for row in rows if not row["passed"] and is_promised(row, DEFAULT)]
+        console.print(table(rows))
+        console.print(LEGEND, highlight=False)
+    failed = [row for row in rows if not row.passed and is_promised(row, DEFAULT)]
     for row in failed:
-        name = f"{row['intersector']}, contraction {row['contraction']}"
-        print(f"error: {name} fails family {row['family']}", file=sys.stderr)
+        name = f"{row.intersector}, contraction {row.contraction}"
+        print(f"error: {name} fails family {row.family}", file=sys.stderr)
     raise typer.Exit(1 if failed else 0)
 
 
@@ -73,12 +74,12 @@ def _tell_of_contraction(device: str, modes: dict[str, bool]) -> None:
             print(f"note: with contraction {mode}, the compiler of {device} {verb}", file=sys.stderr)
 
 
-def is_promised(row: dict, default: str) -> bool:
+def is_promised(row: StressRow, default: str) -> bool:
     """Whether passing is promised: everything of the default, no leak of one registered as watertight."""
-    return row["intersector"] == default or (INTERSECTORS[row["intersector"]].watertight and bool(row["leaks"]))
+    return row.intersector == default or (INTERSECTORS[row.intersector].watertight and bool(row.leaks))
 
 
-def _measure(device, entries, families, size: str, file) -> list[dict]:
+def _measure(device, entries, families, size: str, file) -> list[StressRow]:
     """All rows, with a progress bar on standard error; into `file`, and with the test rates, where there is one."""
     console, rows = Console(stderr=True), []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
@@ -103,37 +104,30 @@ LEGEND = (
 )
 
 
-def table(rows: Sequence[dict]) -> Table:
+def table(rows: Sequence[StressRow]) -> Table:
     """Methods by families: the figure that decides, red where the family is failed."""
-    order = [family for family in families() if any(row["family"] == family for row in rows)]
-    found = {(row["intersector"], row["contraction"], row["family"]): row for row in rows}
+    order = [family for family in families() if any(row.family == family for row in rows)]
+    found = {row.key: row for row in rows}
     result = Table(box=None)
     result.add_column("intersector")
     result.add_column("contraction")
     for family in order:
         result.add_column(family, justify="right")
-    for name, mode in dict.fromkeys((row["intersector"], row["contraction"]) for row in rows):
+    for name, mode in dict.fromkeys((row.intersector, row.contraction) for row in rows):
         cells = [_cell(found.get((name, mode, family))) for family in order]
         result.add_row(name, mode, *cells)
     return result
 
 
-def _cell(row: dict | None) -> str:
+def _cell(row: StressRow | None) -> str:
     if row is None:
         return "–"
-    if row["band_ulp"] is not None and row["residual_p99_ulp"] is not None and row["family"] != "A4":
-        text = f"{_number(row['band_ulp'])}|{_number(row['residual_p99_ulp'])}"
-    elif row["leaks"] is not None:
-        text = _number(1e6 * row["leaks"] / row["rays"])
-    elif row["self_hits"] is not None:
-        text = f"{_number(1e6 * row['self_hits'] / row['rays'])},{_number(1e6 * row['tunnels'] / row['rays'])}"
+    if row.band_ulp is not None and row.residual_p99_ulp is not None and row.family != "A4":
+        text = f"{two_digits(row.band_ulp)}|{two_digits(row.residual_p99_ulp)}"
+    elif row.leaks is not None:
+        text = two_digits(1e6 * row.leaks / row.rays)
+    elif row.self_hits is not None:
+        text = f"{two_digits(1e6 * row.self_hits / row.rays)},{two_digits(1e6 * row.tunnels / row.rays)}"
     else:
-        text = _number(row["gross"])
-    return text if row["passed"] else f"[red]{text} ✗[/red]"
-
-
-def _number(value: float) -> str:
-    """Two digits are enough to see where a method fails."""
-    if value < 1000:
-        return f"{value:.2g}" if value < 100 else f"{value:.0f}"
-    return f"{value:.0e}".replace("e+0", "e")
+        text = two_digits(row.gross)
+    return text if row.passed else f"[red]{text} ✗[/red]"

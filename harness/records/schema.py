@@ -58,8 +58,8 @@ class MachineKey(NamedTuple):
     @property
     def file_name(self) -> str:
         """In names of files: the device or processor and four digits of the key, `pthread-amd-epyc-1f3c`."""
-        words = re.sub(r"[^a-z0-9]+", "-", str(self.device or self.cpu or "machine").lower()).strip("-")[:40].strip("-")
-        return f"{words}-{hashlib.sha256(json.dumps(self).encode()).hexdigest()[:4]}"
+        words = re.sub(r"[^a-z0-9]+", "-", str(self.device or self.cpu or "machine").lower())
+        return f"{words.strip('-')[:40].strip('-')}-{hashlib.sha256(json.dumps(self).encode()).hexdigest()[:4]}"
 
     @property
     def title(self) -> str:

@@ -301,8 +301,8 @@ def _summary(agreement: Agreement, verdicts: _Verdicts, unsettled: int) -> Agree
     agreement.worst_band_ulp = verdicts.worst_band
     errors = verdicts.relative[(verdicts.classes <= T_OFF) & ~np.isnan(verdicts.relative)]
     if len(errors):
-        values = np.percentile(errors, (50, 99, 100))
-        agreement.t_relative_error = RelativeError(**dict(zip(("p50", "p99", "max"), map(float, values), strict=True)))
+        p50, p99, largest = map(float, np.percentile(errors, (50, 99, 100)))
+        agreement.t_relative_error = RelativeError(p50=p50, p99=p99, max=largest)
     agreement.reason = "; ".join(_faults(verdicts, unsettled))
     agreement.valid = not agreement.reason
     return agreement

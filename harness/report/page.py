@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from harness.analysis.results import Results, read_published
-from harness.claims import claims_html, judge_all, write_claims
+from harness.claims import judge_all, write_claims
 from harness.errors import DefrayError, known
 from harness.records.accuracy_row import accuracy_file
 from harness.records.machines import by_machine, own_folder
@@ -25,6 +24,7 @@ from harness.records.precision_row import precision_file
 from harness.records.record_file import RecordFile
 from harness.records.stability_row import KernelRate, StressRow, read_results
 from harness.report.blocks import make_block
+from harness.report.claims_section import claims_html, page_templates
 from harness.report.figures import chart, figures, style
 from harness.report.printed import write_pdf
 from harness.report.provenance import index_of
@@ -212,12 +212,5 @@ def verdicts(claims: list[dict]) -> Markup:
 
 def render(content: dict) -> str:
     """The page as HTML."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     scripts = chart.scripts() if content["has_charts"] else {}
-    return environment.get_template("page.html.jinja").render(**content, scripts=scripts)
+    return page_templates().get_template("page.html.jinja").render(**content, scripts=scripts)

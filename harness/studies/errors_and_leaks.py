@@ -95,8 +95,8 @@ class Plan:
 
 
 def default_contenders(device) -> list[Contender]:
-    """Every intersector in the deferred tracer, contraction off and on; the default one with every other overlap test,
-    and forward with every overlap test and exit rule; Embree robust and fast."""
+    """Every intersector in the deferred tracer, contraction off and on; the default one with every other overlap
+    test, and forward with every overlap test and exit rule; Embree robust and fast."""
     usable = [i.name for i in intersectors.INTERSECTORS.values() if device.has_double or not i.needs_double]
     texts = [f"deferred:{name}{contraction}" for name in usable for contraction in ("", ":contraction=on")]
     texts += [f"deferred:overlap={overlap}" for overlap in OVERLAPS[1:]]

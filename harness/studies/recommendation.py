@@ -100,8 +100,7 @@ def find_rows(scene: Scene, device, folder: Path | None) -> list[AccuracyRow]:
             [
                 row
                 for row in accuracy_file(one).read()
-                if row.scene.geometry == (scene.source, scene.sha256)
-                and measured_here(row, machine, device.is_cpu)
+                if row.scene.geometry == (scene.source, scene.sha256) and measured_here(row, machine, device.is_cpu)
             ]
         )
         if rows:

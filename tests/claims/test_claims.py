@@ -9,8 +9,8 @@ from made_up_claims import BASE, OURS, RATIO, SCENES, TRIANGLES, record, speedup
 
 from harness.claims.judge import verdict_of
 from harness.claims.outcome import Bound, Outcome, every, most, some
-from harness.claims.rules.source import Rule as SourceRule
-from harness.claims.rules.source import operations
+from harness.claims.rules.source_rule import Rule as SourceRule
+from harness.claims.rules.source_rule import operations
 from harness.errors import DefrayError
 from harness.records.coherence_row import SCHEMA
 from harness.records.digest import sealed

@@ -12,8 +12,8 @@ from harness.device.stopwatch import OUTSIDE, KernelWatch
 from harness.errors import DefrayError
 from harness.measure.group import Group, Run, describe_grid, ray_facts, scene_facts
 from harness.measure.interleave import warm_up
-from harness.records.origin import identity
 from harness.records.agreement import Agreement
+from harness.records.origin import identity
 from harness.records.roofline_row import NOT_STATED, Ceiling, CeilingValues, KernelRow, RooflineBody
 from harness.spec.run_spec import RunSpec
 from harness.studies.roofline.ceilings import UNITS, Ceilings

@@ -22,7 +22,6 @@ from harness.studies.stability.pairs import MODES, Pairs, PairTester
 from harness.studies.stability.single_triangle import single_pairs
 
 
-
 @dataclass(frozen=True)
 class Step:
     """Progress: what is being done, and how many of how many tests of a method with a family are done."""
