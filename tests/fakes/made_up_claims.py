@@ -56,7 +56,8 @@ def record(
         "rays": {"kind": "diffuse", "count": rays, "seed": 1}, "tracer": tracer, "intersector": intersector or None,
         "options": dict(option.split("=") for option in options), "repetitions": len(times), "spec": {},
         "rate": {"traverse": None, "intersect": rate, "total": rate}, "samples": samples,
-        "counters": Counters(tests=100, pairs=50).model_dump() | counters, "agreement": agreement(rays, int(not valid)),
+        "counters": Counters(tests=100, pairs=50).model_dump() | counters,
+        "agreement": agreement(rays, int(not valid)),
         "grid": {"top": top, "leaf": leaf, "reading": reading, "cells": 9, "nonempty": 9, "references": 9,
                  "bytes": 9, "build_seconds": 1.0},
     }  # fmt: skip
