@@ -12,7 +12,6 @@ from typing import Annotated, Any
 import typer
 
 from harness.errors import DefrayError
-from harness.records.schema import PartType
 
 SceneArgument = Annotated[
     str, typer.Argument(metavar="SCENE_OR_FILE", help="A name that 'defray scenes' lists, or a mesh file.")
@@ -79,7 +78,7 @@ def print_error(message: str) -> None:
     print(f"{red}error:{plain} {message}", file=sys.stderr)
 
 
-def show_rows(rows: Sequence[PartType], json: bool, show: Callable[[PartType], None]) -> None:
+def show_rows(rows: Sequence, json: bool, show: Callable) -> None:
     """JSON of all rows on standard output, or each as `show` prints it."""
     if json:
         print_json([row.as_json() for row in rows])

@@ -153,6 +153,7 @@ def test_trace_says_which_view_was_chosen_and_why(tmp_path, device):
     from harness.commands.console import record_table
     from harness.measure.pipeline import run_group
     from harness.records.origin import finish
+    from harness.records.run_row import Record
     from harness.spec.run_spec import RunSpec, Variant
     from harness.spec.structure import GridSpec
 
@@ -161,7 +162,7 @@ def test_trace_says_which_view_was_chosen_and_why(tmp_path, device):
     spec = RunSpec(scene=str(tmp_path / "room.npz"), variant=variant, grid=GridSpec(2, 8), rays=100, repetitions=1)
     (_, body), *_ = run_group([spec], device)
     console = Console(width=200, record=True, file=io.StringIO())
-    console.print(record_table(finish(body, spec, machine_description(device))))
+    console.print(record_table(finish(Record, body, machine_description(device), id=spec.id)))
     assert "inside (inside, a room: " in console.export_text()
 
 

@@ -9,7 +9,7 @@ from shapes import soup
 from test_adaptive import SPECS
 
 from harness.errors import DefrayError
-from harness.records.run_row import GridFacts
+from harness.records.schema import GridFacts
 from harness.spec.run_spec import RunSpec, Variant
 from harness.spec.structure import GridSpec, check_grid, make_grid, parse_grid
 from harness.structures import build_grid

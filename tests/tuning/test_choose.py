@@ -16,7 +16,7 @@ from harness import tracers
 from harness.campaign.plan import expand
 from harness.data import Scene, differing
 from harness.errors import DefrayError
-from harness.records.run_row import GridFacts
+from harness.records.schema import GridFacts
 from harness.spec import intersectors
 from harness.spec.structure import AUTO, GridSpec, check_grid, make_grid, parse_grid
 from harness.structures import build_grid

@@ -84,10 +84,10 @@ def caption(runs: Results, numbers: pd.DataFrame) -> str:
     text = (
         "Exact counts from the cell sequences of the rays, the same on every device; "
         "harness/studies/lanes_and_lines.py states the three models. A trip is one turn of a loop that all lanes of "
-        "a group take together; lanes testing and lanes walking: the share of lanes at work in a trip; uneven trips: those in which some lane has "
-        "nothing to do. Lines: distinct cache lines of triangles that a trip loads. Forward trips over these: "
-        "the ratio of intersection times that a device of so many lanes would show if instructions bound it; "
-        "lines: if loads of triangles did."
+        "a group take together; lanes testing and lanes walking: the share of lanes at work in a trip; uneven trips: "
+        "those in which some lane has nothing to do. Lines: distinct cache lines of triangles that a trip loads. "
+        "Forward trips over these: the ratio of intersection times that a device of so many lanes would show if "
+        "instructions bound it; lines: if loads of triangles did."
     )
     measured = measured_ratios(runs)
     if measured:
