@@ -28,7 +28,7 @@ from harness.commands.options import (
 from harness.errors import DefrayError
 from harness.inputs.scenes import check_name
 from harness.records.run_row import Record
-from harness.records.schema import Part, RayFacts, SceneFacts
+from harness.records.schema import RayFacts, SceneFacts, Stored
 from harness.spec.run_spec import RunSpec, Variant
 from harness.spec.structure import parse_grid
 from harness.stats import Interval
@@ -84,7 +84,7 @@ def scene_names(text: str) -> list[str]:
     return names
 
 
-class ComparedRun(Part):
+class ComparedRun(Stored):
     """One variant beside the base. `rate` in rays per second and `ratio` to the base; None where a check failed.
 
     `p_value`: of the Mann-Whitney test against the base, None for the base itself.
@@ -98,7 +98,7 @@ class ComparedRun(Part):
     tests_per_ray: float
 
 
-class Comparison(Part):
+class Comparison(Stored):
     """Runs of one group; the first is the base."""
 
     scene: SceneFacts

@@ -13,13 +13,13 @@ from pydantic import Field, model_validator
 from harness.data import CLASSES
 from harness.records.agreement import RelativeError, StoredAgreement
 from harness.records.record_file import RecordFile
-from harness.records.schema import Body, Part, RayFacts, Row
+from harness.records.schema import Body, RayFacts, Row, Stored
 from harness.stats import Interval
 
 FILE = "accuracy.jsonl"
 
 
-class GridPlace(Part):
+class GridPlace(Stored):
     """Resolution of the grid that was asked for."""
 
     top: int
@@ -28,7 +28,7 @@ class GridPlace(Part):
     density: float | None = None
 
 
-class AimedCounts(Part):
+class AimedCounts(Stored):
     """Aimed rays traced, those let through, and those of them aimed at vertices; see `harness/inputs/aimed_rays.py`.
 
     A variant is given no more rays once it has leaked a thousand. `seed`: of the rays.

@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from harness.records.schema import Part, every_key
+from harness.records.schema import Stored, every_key
 
 DISAGREEMENTS = ("wrong", "missed", "phantom", "t_off", "nonfinite")
 
 
-class RelativeError(Part):
+class RelativeError(Stored):
     """Relative error of t over the rays that hit in both, by percentile; None where no ray did."""
 
     p50: float | None
@@ -19,7 +19,7 @@ class RelativeError(Part):
     max: float | None
 
 
-class Agreement(Part):
+class Agreement(Stored):
     """How a run agrees with its reference (`embree`, `exact` or `none`): rays by class, and the verdict.
 
     `reference_wrong`: disputes in which exact arithmetic found Embree wrong and the run right. `settled`:

@@ -8,12 +8,12 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from harness.records.record_file import RecordFile
-from harness.records.schema import Body, GridFacts, Part, RayFacts, Row
+from harness.records.schema import Body, GridFacts, RayFacts, Row, Stored
 
 FILE = "coherence.jsonl"
 
 
-class Coherence(Part):
+class Coherence(Stored):
     """Exact counts of one model and width. A trip is `uneven` where not every lane takes part.
 
     `lines_64`, `lines_128`: distinct cache lines of triangles that each of `line_trips` trips loads, added up; these

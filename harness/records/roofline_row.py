@@ -9,13 +9,13 @@ from pydantic import Field, model_validator
 
 from harness.records.agreement import StoredAgreement
 from harness.records.record_file import RecordFile
-from harness.records.schema import Body, GridFacts, Part, RayFacts, Row, StoredCounters
+from harness.records.schema import Body, GridFacts, RayFacts, Row, Stored, StoredCounters
 from harness.stats import Interval
 
 FILE = "roofline.jsonl"
 
 
-class Ceiling(Part):
+class Ceiling(Stored):
     """Samples of one ceiling, one before each run of each repetition, and their median with its 95 % interval."""
 
     unit: Literal["bytes/s", "flop/s"]
@@ -23,7 +23,7 @@ class Ceiling(Part):
     rate: Interval
 
 
-class CeilingValues(Part):
+class CeilingValues(Stored):
     """Copying from memory and from the last cache, and fused multiply-adds, in vectors of `lanes` floats.
 
     `memory_bytes`, `cache_bytes`: read and written by one copy.
@@ -37,7 +37,7 @@ class CeilingValues(Part):
     cache_bytes: int = Field(gt=0)
 
 
-class KernelSeconds(Part):
+class KernelSeconds(Stored):
     """One kernel in one stage: device seconds of each repetition, launches summed up; `nanoseconds`: a ray.
 
     `own`: False for what a stage takes beyond its kernels.
@@ -51,7 +51,7 @@ class KernelSeconds(Part):
     nanoseconds: Interval
 
 
-class KernelWork(Part):
+class KernelWork(Stored):
     """Work of all launches of one kernel; None where it is not stated.
 
     `executed_flops`: with those of idle lanes. `bytes`: the least that any cache could leave, each table once a

@@ -8,13 +8,13 @@ from pydantic import model_validator
 
 from harness.data import Samples
 from harness.records.agreement import StoredAgreement
-from harness.records.schema import Body, GridFacts, Part, RayFacts, Row, StoredCounters, every_key
+from harness.records.schema import Body, GridFacts, RayFacts, Row, Stored, StoredCounters, every_key
 from harness.stats import Interval
 
 FILE = "records.jsonl"
 
 
-class Rates(Part):
+class Rates(Stored):
     """Rays per second of the stages that have a rate, each with its 95 % interval."""
 
     traverse: Interval | None

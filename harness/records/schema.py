@@ -18,10 +18,10 @@ from harness.errors import DefrayError, first_problem
 from harness.records.digest import check_schema
 
 SCHEMA = 2  # of every file of rows
-PartType = TypeVar("PartType", bound="Part")
+StoredType = TypeVar("StoredType", bound="Stored")
 
 
-class Part(Strict):
+class Stored(Strict):
     """A part of a row, or a whole one; values are of the declared type, as JSON has it, never converted."""
 
     model_config = ConfigDict(strict=True, validate_by_name=True, validate_by_alias=True, serialize_by_alias=True)
@@ -31,7 +31,7 @@ class Part(Strict):
         return self.model_dump(mode="json", by_alias=True)
 
 
-def checked(model: type[PartType], row: Any, where: str, schema: int = SCHEMA) -> PartType:
+def checked(model: type[StoredType], row: Any, where: str, schema: int = SCHEMA) -> StoredType:
     """The JSON object `row` as `model` has it; raises DefrayError naming `where` and the first bad key."""
     if not isinstance(row, dict):
         raise DefrayError(f"{where}: not a JSON object")
@@ -77,7 +77,7 @@ class MachineKey(NamedTuple):
         return other == self or (other.device is None and other[:2] == self[:2])
 
 
-class Machine(Part):
+class Machine(Stored):
     """Where a run was measured.
 
     `environment` holds the variables that steer OpenCL runtimes. `device`, `platform` and `driver` are None
@@ -102,7 +102,7 @@ class Machine(Part):
         return MachineKey(self.cpu, self.cores, self.platform, self.device)
 
 
-class SceneFacts(Part):
+class SceneFacts(Stored):
     """The scene's name, `real`, `stand-in` or `file`, the SHA-256 of its triangles, and how views were found."""
 
     name: str
@@ -122,7 +122,7 @@ class SceneFacts(Part):
         return self.source == "stand-in"
 
 
-class RayFacts(Part):
+class RayFacts(Stored):
     """Kind, number and seed of the rays."""
 
     kind: str
@@ -130,7 +130,7 @@ class RayFacts(Part):
     seed: int
 
 
-class GridFacts(Part):
+class GridFacts(Stored):
     """Resolution and size of the grid; `bytes` is the whole grid's, `build_seconds` wall clock.
 
     Of an adaptive grid alone: `density`, leaf cells wanted per triangle, and `resolution`, top cells along x, y, z.
@@ -173,14 +173,14 @@ def every_key(model: type[Strict]) -> BeforeValidator:
 StoredCounters = Annotated[Counters, every_key(Counters)]
 
 
-class Body(Part):
+class Body(Stored):
     """What a measurement yields, still without identity and origin."""
 
     schema_: int = Field(default=SCHEMA, alias="schema")
     scene: SceneFacts
 
 
-class Row(Part):
+class Row(Stored):
     """What every stored row says of itself: schema, identity, when, by which command of which commit, where."""
 
     schema_: int = Field(default=SCHEMA, alias="schema")

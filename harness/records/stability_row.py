@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 
 from harness.errors import DefrayError
 from harness.records import digest
-from harness.records.schema import SCHEMA, Machine, Part, checked
+from harness.records.schema import SCHEMA, Machine, Stored, checked
 from harness.spec.stress_suite import families
 from harness.stats import Interval
 
@@ -21,7 +21,7 @@ Size = Annotated[float, Field(ge=0)]
 FILE = "stability.json"
 
 
-class StressRow(Part):
+class StressRow(Stored):
     """One family with one intersector in one contraction mode; None where a metric does not apply.
 
     `size`: `full` or `smoke` inputs.
@@ -55,7 +55,7 @@ class StressRow(Part):
         return self.intersector, self.contraction, self.family
 
 
-class KernelRate(Part):
+class KernelRate(Stored):
     """Isolated tests a second of one intersector; None where its hits failed their check.
 
     `wrong`: rays whose hit differs from the reference.
@@ -79,7 +79,7 @@ class KernelRate(Part):
         return self.intersector, self.contraction
 
 
-class StressResults(Part):
+class StressResults(Stored):
     """Rows of the suite on one device, and the rates of the same kernels.
 
     `contracts`: whether the compiler contracts a * b + c in each mode.

@@ -106,7 +106,7 @@ def default_contenders(device) -> list[Contender]:
 
 
 @dataclass(eq=False)
-class _Entry:
+class _TimedContender:
     """One contender and what it has yielded so far."""
 
     contender: Contender
@@ -134,14 +134,14 @@ class AccuracyGroup:
         for overlap in {contender.overlap: None for contender in contenders if contender.overlap}:
             grid = build_grid(shared.setting.device_scene, plan.grid, binning=overlap)
             self._settings[overlap] = dataclasses.replace(shared.setting, grid=grid)
-        self.entries = [_Entry(contender, self._open(contender)) for contender in contenders]
+        self.entries = [_TimedContender(contender, self._open(contender)) for contender in contenders]
 
     def _open(self, contender: Contender) -> Tracer:
         kind = tracers.find(contender.variant.tracer)
         test = intersectors.find(contender.variant.intersector) if kind.needs_intersector else None
         return kind(self._settings[contender.overlap], test, contender.variant.options)
 
-    def trace(self, entry: _Entry, rays: Rays) -> tuple[Hits, float]:
+    def trace(self, entry: _TimedContender, rays: Rays) -> tuple[Hits, float]:
         """Hits and seconds of one repetition."""
         watch = Stopwatch(self.device.queue if entry.tracer.needs_device else None)
         hits = entry.tracer.trace(rays, watch)
@@ -165,14 +165,14 @@ class AccuracyGroup:
                 entry.hits, seconds = self.trace(entry, self.rays)
                 entry.seconds.append(seconds)
 
-    def judge(self, entry: _Entry, done: float) -> None:
+    def judge(self, entry: _TimedContender, done: float) -> None:
         """Count the aimed rays that a contender lets through, and compare its diffuse hits with the reference."""
         self.tell(f"{entry.contender}, aimed rays", done)
         entry.aimed = self.leaks_of(entry, self.aimed)
         self.tell(f"{entry.contender}, check", done)
         entry.agreement = self.checker.check(entry.hits)
 
-    def leaks_of(self, entry: _Entry, aimed: AimedRays) -> AimedCounts:
+    def leaks_of(self, entry: _TimedContender, aimed: AimedRays) -> AimedCounts:
         """The `aimed` part of a row."""
         let_through = np.zeros(0, bool)
         while len(let_through) < len(aimed) and let_through.sum() < ENOUGH_LEAKS:

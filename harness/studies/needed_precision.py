@@ -48,7 +48,7 @@ def half_precision(triangles: np.ndarray) -> np.ndarray:
 
 
 @dataclass(eq=False)
-class _Entry:
+class _KnobValue:
     """One value of a knob, and what it has yielded."""
 
     knob: str
@@ -111,20 +111,22 @@ class _Study:
         setting = replace(setting, grid=build_grid(setting.device_scene, GridSpec(8, leaf)))
         return tracers.find("deferred")(setting, intersectors.find(intersector or self.variant.intersector), {})
 
-    def entries(self) -> list[_Entry]:
+    def entries(self) -> list[_KnobValue]:
         """Every value of the knobs `grid` and `precision`."""
         name = str(self.variant)
-        found = [_Entry("grid", f"8/{leaf}", name, self.tracer(self.full, leaf)) for leaf in RESOLUTIONS]
+        found = [_KnobValue("grid", f"8/{leaf}", name, self.tracer(self.full, leaf)) for leaf in RESOLUTIONS]
         found += [
-            _Entry("precision", "half", name, self.tracer(self.half)),
-            _Entry("precision", "float", name, self.tracer(self.full)),
+            _KnobValue("precision", "half", name, self.tracer(self.half)),
+            _KnobValue("precision", "float", name, self.tracer(self.full)),
         ]
         if DOUBLE in intersectors.INTERSECTORS and self.device.has_double:
-            found.append(_Entry("precision", "double", f"deferred:{DOUBLE}", self.tracer(self.full, USUAL, DOUBLE)))
+            found.append(
+                _KnobValue("precision", "double", f"deferred:{DOUBLE}", self.tracer(self.full, USUAL, DOUBLE))
+            )
         self.of_full, self.of_half = found[len(RESOLUTIONS) + 1].tracer, found[len(RESOLUTIONS)].tracer
         return found
 
-    def trace(self, entry: _Entry, rays: Rays) -> tuple[Hits, float]:
+    def trace(self, entry: _KnobValue, rays: Rays) -> tuple[Hits, float]:
         """Hits and seconds of one repetition."""
         return self._timed(entry.tracer, rays)
 

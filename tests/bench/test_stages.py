@@ -47,4 +47,4 @@ def test_trace(benchmark, ball, tracer, intersector):
     assert (hits.primitive >= 0).mean() > 0.5
     best = min(watches, key=lambda watch: watch.seconds["total"])
     stages = {f"{stage}_ns": 1e9 * seconds / RAYS for stage, seconds in best.seconds.items()}
-    benchmark.extra_info.update(stages, device=ball.device.title, counters=dataclasses.asdict(made.count(rays)))
+    benchmark.extra_info.update(stages, device=ball.device.title, counters=made.count(rays).model_dump())
