@@ -61,19 +61,20 @@ def is_unchecked(record: Record) -> bool:
 
 
 def unfinished_runs(runs: Results) -> list[dict]:
-    """Runs that an error stopped and that no later record replaced, as errors.jsonl names them."""
+    """Runs that an error stopped and that no later record replaced; a damaged line is shown as it stands."""
     path = runs.home / "errors.jsonl"
     if not path.is_file():
         return []
     measured = {record.id for record in runs.records}
     found = {}
-    for line in split_lines(path.read_text(encoding="utf-8")):
+    for line in filter(str.strip, split_lines(path.read_text(encoding="utf-8"))):
         try:
             entry = json.loads(line)
-        except ValueError:
-            continue  # a torn last line
-        if entry["id"] not in measured:
-            found[entry["id"]] = {"what": entry["run"], "reason": entry["error"], "kind": "error", "command": ""}
+            identity, what, reason = entry["id"], entry["run"], entry["error"]
+        except (ValueError, KeyError, TypeError):
+            identity, what, reason = line, "a run", line
+        if identity not in measured:
+            found[identity] = {"what": what, "reason": reason, "kind": "error", "command": ""}
     return list(found.values())
 
 
