@@ -94,15 +94,14 @@ def index_of(folder: Path) -> dict[str, list[dict]]:
             except ValueError:
                 continue  # a torn last line, which the reader has warned of
             if isinstance(row, dict) and KEY in row:
-                scene = row.get("scene") or {}
-                found.setdefault(row.get("id", ""), []).append(
+                found.setdefault(row["id"], []).append(
                     {
-                        "id": row.get("id", ""),
+                        "id": row["id"],
                         "file": path.name,
                         KEY: row[KEY],
-                        "commit": row.get("commit", ""),
-                        "machine": MachineKey.read(row.get("machine") or {}),
-                        "geometry": (scene.get("source"), scene.get("sha256")),
+                        "commit": row["commit"],
+                        "machine": MachineKey.read(row["machine"]),
+                        "geometry": (row["scene"]["source"], row["scene"]["sha256"]),
                     }
                 )
     return found
