@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from harness.data import Hits, Rays, Scene, View
-from harness.spec.structure import Adaptive, Uniform
+import importlib
 
 __version__ = "0.1.0"
 __all__ = ["Adaptive", "Hits", "Rays", "Scene", "Uniform", "View", "load_scene", "trace"]
+# Some import OpenCL and mesh readers, and the command line shows its help without any: each when first used.
+_HOMES = {
+    **dict.fromkeys(("Hits", "Rays", "Scene", "View"), "harness.data"),
+    **dict.fromkeys(("Adaptive", "Uniform"), "harness.spec.structure"),
+    "load_scene": "harness.inputs.scenes",
+    "trace": "harness.engine",
+}
 
 
 def __getattr__(name: str):
-    """`trace` and `load_scene` import OpenCL and mesh readers, so they are looked up when first used."""
-    if name == "trace":
-        from harness.engine import trace
-
-        return trace
-    if name == "load_scene":
-        from harness.inputs.scenes import load_scene
-
-        return load_scene
+    """What the package offers, from the module where it lives."""
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'harness' has no attribute '{name}'")

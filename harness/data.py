@@ -5,14 +5,25 @@ Every array field states its dtype and shape. Nothing here imports another modul
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from harness.errors import DefrayError
 
 MISS = -1  # primitive index of a ray that hits nothing
+STRICT = ConfigDict(extra="forbid", allow_inf_nan=False, revalidate_instances="always")
 CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")  # of a hit beside the reference's: harness/check.py
+
+
+class Strict(BaseModel):
+    """Base of all data that files hold: an undeclared key or a number that is not finite is an error.
+
+    A part that was changed after it was made is checked again when it is put into a whole.
+    """
+
+    model_config = STRICT
 
 
 @dataclass(frozen=True)
@@ -98,8 +109,7 @@ def differing(a: Hits, b: Hits) -> int:
     return int(((a.t.view(np.int32) != b.t.view(np.int32)) | (a.primitive != b.primitive)).sum())
 
 
-@dataclass
-class Counters:
+class Counters(Strict, strict=True):
     """Exact work counts of an instrumented build.
 
     `steps`: cells stepped through (empty or not, either level). `pairs`: ray-cell encounters stored or
@@ -113,12 +123,11 @@ class Counters:
     tests: int = 0
     lane_tests: int = 0
     waves: int = 0
-    finished_per_wave: list[int] = field(default_factory=list)
+    finished_per_wave: list[int] = Field(default_factory=list)
     padding: int = 0
 
 
-@dataclass
-class Samples:
+class Samples(Strict, strict=True):
     """Seconds of each repetition, stage by stage; a stage that a tracer does not have stays empty.
 
     Stages are device time between event markers, waits of the host for a count included; `total` is wall clock
@@ -126,11 +135,11 @@ class Samples:
     the recording one, ranking and scattering are `arrange`. Writing t, u and v is in the total alone.
     """
 
-    traverse: list[float] = field(default_factory=list)
-    arrange: list[float] = field(default_factory=list)
-    intersect: list[float] = field(default_factory=list)
-    compact: list[float] = field(default_factory=list)
-    total: list[float] = field(default_factory=list)
+    traverse: list[float] = Field(default_factory=list)
+    arrange: list[float] = Field(default_factory=list)
+    intersect: list[float] = Field(default_factory=list)
+    compact: list[float] = Field(default_factory=list)
+    total: list[float] = Field(default_factory=list)
 
 
 STAGES = ("traverse", "arrange", "intersect", "compact", "total")

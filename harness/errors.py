@@ -36,6 +36,7 @@ def first_problem(error: ValidationError) -> str:
     message = problem["msg"].removeprefix("Value error, ")
     message = {
         "Extra inputs are not permitted": "unknown key",
+        "Unexpected keyword argument": "unknown key",
         "Field required": "missing key",
     }.get(message, message[:1].lower() + message[1:])
     others = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""

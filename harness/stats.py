@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydantic import ConfigDict
 from scipy.optimize import least_squares
 from scipy.stats import beta, mannwhitneyu, t
 
-from harness.data import Samples
+from harness.data import STRICT, Samples
 from harness.errors import DefrayError
 
 
@@ -53,7 +54,12 @@ RATED_STAGES = ("traverse", "intersect", "total")
 
 @dataclass(frozen=True)
 class Interval:
-    """A median with its 95 % confidence interval, in the unit of the values it was computed from."""
+    """A median with its 95 % confidence interval, in the unit of the values it was computed from.
+
+    Rows on file hold it as it is.
+    """
+
+    __pydantic_config__ = ConfigDict(**STRICT, strict=False)  # strict, it would not be read from JSON's objects
 
     median: float
     low: float
@@ -311,8 +317,8 @@ def rates_of(seconds: Sequence[float], rays: int) -> list[float]:
     return [float(rays / time) for time in times]
 
 
-def rates(samples: Samples, rays: int, valid: bool = True) -> dict[str, dict[str, float] | None]:
-    """The `rate` of a record: for each rated stage `{median, low, high}` in rays per second.
+def rates(samples: Samples, rays: int, valid: bool = True) -> dict[str, Interval | None]:
+    """The rate of each rated stage, in rays per second.
 
     A stage that the tracer lacks, or that is too short for the device's clock, has no rate (None). A run
     whose check failed has none at all.
@@ -320,10 +326,15 @@ def rates(samples: Samples, rays: int, valid: bool = True) -> dict[str, dict[str
     return {stage: _rate(getattr(samples, stage), rays) if valid else None for stage in RATED_STAGES}
 
 
-def _rate(seconds: Sequence[float], rays: int) -> dict[str, float] | None:
+def megarays(rate: float | None) -> float:
+    """Rays per second as millions a second; NaN for none."""
+    return math.nan if rate is None else float(rate) / 1e6
+
+
+def _rate(seconds: Sequence[float], rays: int) -> Interval | None:
     if len(seconds) == 0 or min(seconds) <= 0:
         return None
-    return interval(rates_of(seconds, rays)).as_dict()
+    return interval(rates_of(seconds, rays))
 
 
 def _bootstrap(count: int, statistic: Callable[[np.ndarray], np.ndarray], confidence: float) -> Interval:

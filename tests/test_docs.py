@@ -18,25 +18,6 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FOLDERS = ("docs", "harness", "kernels", "results", "scenes", "scripts", "tests")
 MOST_WORDS = 900  # of the README
-# Described already, and not there yet.
-LATER = frozenset(
-    {
-        "reproduce",
-        "harness/paper/reproduce.toml",
-        "harness/report/entry.py",
-        "harness/studies/study.py",
-        "harness.report.entry.Figure",
-        "harness.measure.scene.Scenes",
-        *(f"harness.studies.study.{name}" for name in ("Part", "Rows", "Study", "Task", "Tell")),
-    }
-)
-
-
-def expect(there: bool, name: str, problem: str) -> None:
-    """Fail with `problem` where something is not there, unless it is to come."""
-    if not there and name in LATER:
-        pytest.xfail(f"{name} is not there yet")
-    assert there, problem
 
 
 def text_of(document: Path) -> str:
@@ -98,7 +79,7 @@ def example_imports() -> list[tuple[str, str, str]]:
 def parse(words: list[str], whole: bool) -> None:
     """Parse a command line as the command would, without running it."""
     name, *rest = words
-    expect(name in commands(), name, f"no command '{name}'")
+    assert name in commands(), f"no command '{name}'"
     command = load(name)
     while True:
         try:
@@ -136,13 +117,13 @@ def test_a_wrong_command_is_caught(line):
 @pytest.mark.parametrize(("name", "path"), paths())
 def test_files_named_are_there(name, path):
     made = ("results/out", "results/mine", "results/yours", "results/ours", "results/full")
-    expect(path.startswith(made) or (ROOT / path).exists(), path, f"{name} names {path}")
+    assert path.startswith(made) or (ROOT / path).exists(), f"{name} names {path}"
 
 
 @pytest.mark.parametrize(("name", "module", "what"), example_imports())
 def test_examples_import_what_is_there(name, module, what):
     there = importlib.util.find_spec(module) is not None and hasattr(importlib.import_module(module), what)
-    expect(there, f"{module}.{what}", f"{name}: {module} has no {what}")
+    assert there, f"{name}: {module} has no {what}"
 
 
 def test_readme_is_short():

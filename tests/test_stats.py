@@ -76,9 +76,9 @@ def test_rates_are_rays_over_seconds_stage_by_stage():
     samples = Samples(traverse=[0.5, 0.25, 1.0], total=[2.0, 1.0, 4.0], intersect=[0.0, 0.0, 0.0])
     result = stats.rates(samples, rays=100)
     assert result == {
-        "traverse": {"median": 200.0, "low": 100.0, "high": 400.0},
+        "traverse": stats.Interval(200.0, 100.0, 400.0),
         "intersect": None,
-        "total": {"median": 50.0, "low": 25.0, "high": 100.0},
+        "total": stats.Interval(50.0, 25.0, 100.0),
     }
 
 

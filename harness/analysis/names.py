@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import re
 
+from harness.records.roofline_row import RooflineBody
+from harness.records.run_row import RunBody
+from harness.records.schema import GridFacts
 from harness.spec.run_spec import SIZES, STAND_IN
+from harness.spec.structure import structure_from_json
 
 RATES = ("traverse", "intersect", "total")
 WORKLOAD = ["scene", "view", "rays", "seed"]
@@ -28,34 +32,33 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-def as_command(command) -> str:
-    """A recorded command as one line."""
-    return command if isinstance(command, str) else " ".join(map(str, command))
-
-
-def options_text(options: dict | None) -> str:
+def options_text(options: dict[str, str]) -> str:
     """Options as a variant's name writes them."""
-    return ":".join(f"{key}={value}" for key, value in sorted((options or {}).items()))
+    return ":".join(f"{key}={value}" for key, value in sorted(options.items()))
 
 
-def label_of(record: dict) -> str:
-    """`tracer:intersector:option=value` of a record."""
-    parts = (record["tracer"], record.get("intersector") or "", options_text(record.get("options")))
-    return ":".join(part for part in parts if part)
+def variant_text(run: RunBody | RooflineBody) -> str:
+    """`tracer:intersector:option=value` of a run."""
+    return ":".join(part for part in (run.tracer, run.intersector, options_text(run.options)) if part)
 
 
-def grid_text(grid: dict) -> str:
-    """`8/128 total`, or nothing where a tracer uses no grid."""
-    return f"{grid['top']}/{grid['leaf']} {grid.get('reading', '')}".strip() if grid else ""
+def grid_text(grid: GridFacts | None) -> str:
+    """`8/128 total`, the name and options of a structure that is no grid, or nothing where a tracer uses none."""
+    if grid is None:
+        return ""
+    if grid.top is None or grid.leaf is None:
+        return str(structure_from_json({"reading": grid.reading, "options": grid.options or {}}))
+    return f"{grid.top}/{grid.leaf} {grid.reading}"
 
 
-def beside_text(record: dict) -> str:
-    """The grid that a run was asked for, with its density: runs on the same rays with the same were interleaved.
-
-    Of a tracer without a grid, that of the runs it stood beside; nothing where it stood alone.
+def beside_text(run: RunBody) -> str:
+    """The grid that a run was asked for, with its density or options; of a tracer without one, that of the runs it
+    stood beside, and nothing where it stood alone. Runs on the same rays with the same were interleaved.
     """
-    asked = (record.get("spec") or {}).get("grid") or record.get("grid") or {}
-    return " ".join(filter(None, (grid_text(asked), f"{asked.get('density') or ''}")))
+    asked = run.spec.get("grid") or (run.grid.as_json() if run.grid else {})
+    place = f"{asked['top']}/{asked['leaf']}" if "top" in asked else ""
+    options = [f"{key}={value}" for key, value in sorted((asked.get("options") or {}).items())]
+    return " ".join(str(part) for part in (place, asked.get("reading"), asked.get("density"), *options) if part)
 
 
 def three_digits(value: float) -> str:
@@ -71,6 +74,13 @@ def short_number(value: float) -> str:
         if abs(value) >= size:
             return _digits(value / (1e3 if unit == "k" else size)) + unit
     return _digits(value)
+
+
+def two_digits(value: float) -> str:
+    """Two significant digits, enough to see where a method fails: `0.52`, `940`, `1e6`."""
+    if value < 1000:
+        return f"{value:.2g}" if value < 100 else f"{value:.0f}"
+    return f"{value:.0e}".replace("e+0", "e")
 
 
 def _digits(value: float) -> str:

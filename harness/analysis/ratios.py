@@ -6,12 +6,8 @@ import pandas as pd
 
 from harness.analysis.names import WORKLOAD, beside_text
 from harness.data import STAGES
+from harness.records.run_row import RunBody
 from harness.stats import interval, rates_of, ratio
-
-
-def megarays(rate: float | None) -> float:
-    """Rays per second as millions a second; NaN for none."""
-    return float("nan") if rate is None else float(rate) / 1e6
 
 
 def beside(rows: pd.DataFrame, run: pd.Series) -> pd.DataFrame:
@@ -61,31 +57,31 @@ def best(rows: pd.DataFrame, rate: str = "total") -> pd.Series | None:
     return None if rated.empty else rated.loc[rated[rate].idxmax()]
 
 
-def stage_rates(record: dict, stage: str) -> list[float]:
+def stage_rates(run: RunBody, stage: str) -> list[float]:
     """Rays per second of each repetition of a stage; empty where the run has none."""
-    seconds = (record.get("samples") or {}).get(stage) or []
-    return rates_of(seconds, record["rays"]["count"]) if seconds and min(seconds) > 0 else []
+    seconds = getattr(run.samples, stage)
+    return rates_of(seconds, run.rays.count) if seconds and min(seconds) > 0 else []
 
 
-def speedup(record: dict, base: dict, stage: str) -> dict[str, float] | None:
+def speedup(run: RunBody, base: RunBody, stage: str) -> dict[str, float] | None:
     """Ratio of two runs' rates of a stage with its 95 % interval; None where either has no rate.
 
     Repetitions are paired where both runs have as many and were interleaved, beside the same grid; else the interval
     is the quotient of the two runs' own intervals, which is the wider one.
     """
-    rates, base_rates = stage_rates(record, stage), stage_rates(base, stage)
+    rates, base_rates = stage_rates(run, stage), stage_rates(base, stage)
     if not rates or not base_rates:
         return None
-    if len(rates) == len(base_rates) and beside_text(record) == beside_text(base):
+    if len(rates) == len(base_rates) and beside_text(run) == beside_text(base):
         found = ratio(rates, base_rates)
         return {"ratio": found.median, "ratio_low": found.low, "ratio_high": found.high}
     one, two = interval(rates), interval(base_rates)
     return {"ratio": one.median / two.median, "ratio_low": one.low / two.high, "ratio_high": one.high / two.low}
 
 
-def stage_nanoseconds(record: dict) -> dict[str, float]:
+def stage_nanoseconds(run: RunBody) -> dict[str, float]:
     """Median nanoseconds a ray of each stage, what no stage accounts for as `other`, and the total."""
-    samples, rays = record.get("samples") or {}, record["rays"]["count"]
-    times = {stage: interval(samples[stage]).median / rays * 1e9 if samples.get(stage) else 0.0 for stage in STAGES}
+    samples = {stage: getattr(run.samples, stage) for stage in STAGES}
+    times = {name: interval(each).median / run.rays.count * 1e9 if each else 0.0 for name, each in samples.items()}
     total = times.pop("total")
     return {**times, "other": max(0.0, total - sum(times.values())), "total": total}

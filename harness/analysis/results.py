@@ -11,24 +11,28 @@ import pandas as pd
 
 from harness.analysis.names import (
     RATES,
-    as_command,
     beside_text,
     grid_text,
-    label_of,
     options_text,
     plain,
     scene_and_size,
     stand_in_name,
+    variant_text,
 )
-from harness.analysis.ratios import main_workload, megarays
+from harness.analysis.ratios import main_workload
 from harness.errors import DefrayError
 from harness.files import ROOT
-from harness.records.coherence_row import coherence_file
-from harness.records.machines import key_of
-from harness.records.origin import source_of
-from harness.records.roofline_row import roofline_file
+from harness.records.accuracy_row import AccuracyRow
+from harness.records.coherence_row import CoherenceRow, coherence_file
+from harness.records.origin import latest_rows
+from harness.records.precision_row import PrecisionRow
+from harness.records.roofline_row import RooflineRow, roofline_file
+from harness.records.run_row import Record
+from harness.records.schema import GridFacts, MachineKey, Row, SceneFacts
+from harness.records.stability_row import KernelRate, StressRow
 from harness.spec.run_spec import STAND_IN
 from harness.spec.tracer_facts import tracer_place
+from harness.stats import megarays
 
 PUBLISHED = ROOT / "harness" / "paper" / "published.toml"
 
@@ -41,18 +45,18 @@ class Results:
     `stability`: the rows of stability.json, and `kernel_rates` its rates of tests. Each is empty without its file.
     """
 
-    records: list[dict]
+    records: list[Record]
     folder: Path
     device: str
     published: dict = field(default_factory=dict)
-    accuracy: list[dict] = field(default_factory=list)
-    precision: list[dict] = field(default_factory=list)
-    stability: list[dict] = field(default_factory=list)
-    kernel_rates: list[dict] = field(default_factory=list)
+    accuracy: list[AccuracyRow] = field(default_factory=list)
+    precision: list[PrecisionRow] = field(default_factory=list)
+    stability: list[StressRow] = field(default_factory=list)
+    kernel_rates: list[KernelRate] = field(default_factory=list)
     machine: str = ""  # its title, where the folder holds several
     suffix: str = ""  # of the names of its files, likewise
     own: Path | None = None  # where the machine's own files are, if not in `folder`
-    key: tuple | None = None  # what tells it from the others, where the folder holds several
+    key: MachineKey | None = None  # what tells it from the others, where the folder holds several
 
     @cached_property
     def home(self) -> Path:
@@ -63,7 +67,7 @@ class Results:
     def all(self) -> pd.DataFrame:
         """Every run, in an order that does not depend on when it was measured: the paper's order of scenes,
         then kind and number of rays, grid, tracer, intersector, options."""
-        rows = pd.DataFrame([row_of(record, self.scene_title) for record in self.records])
+        rows = pd.DataFrame([run_columns(record, self.title_of(record.scene)) for record in self.records])
         sources = rows.groupby("scene")["source"].transform("nunique") > 1
         both = sources & (rows["source"] == "stand-in")
         rows.loc[both, "scene"] = [stand_in_name(name) for name in rows.loc[both, "scene"]]
@@ -112,21 +116,20 @@ class Results:
         return main_workload(self.every_diffuse[self.every_diffuse["grid"] == self.grid])
 
     @cached_property
-    def roofline(self) -> list[dict]:
+    def roofline(self) -> list[RooflineRow]:
         """The latest valid rows of the folder's roofline.jsonl on the report's device and machine."""
-        rows = latest(roofline_file(self.folder).read())
         return [
             row
-            for row in rows
-            if row["valid"]
-            and (row["machine"].get("device") or "") == self.device
-            and (self.key is None or key_of(row["machine"]) == self.key)
+            for row in latest_rows(roofline_file(self.folder).read())
+            if row.valid
+            and (row.machine.device or "") == self.device
+            and (self.key is None or row.machine.key == self.key)
         ]
 
     @cached_property
-    def coherence(self) -> list[dict]:
+    def coherence(self) -> list[CoherenceRow]:
         """The latest rows of the folder's coherence.jsonl, whose counts are those of every device."""
-        return list({row["id"]: row for row in coherence_file(self.folder).read()}.values())
+        return list({row.id: row for row in coherence_file(self.folder).read()}.values())
 
     def grid_note(self) -> str:
         """One sentence: the grid of the runs in `paper`, and a warning where it is not the paper's."""
@@ -152,10 +155,10 @@ class Results:
         name = plain(scene.removesuffix(STAND_IN))
         return next((one for one in self.published["scene"] if plain(one["name"]) == name), None)
 
-    def title_of(self, facts: dict) -> str:
-        """Title of the scene that a row's `scene` describes; a stand-in is called a stand-in."""
-        title = self.scene_title(facts["name"])
-        return f"{title} (stand-in)" if facts["source"] == "stand-in" else title
+    def title_of(self, scene: SceneFacts) -> str:
+        """Title of the scene that a row describes; a stand-in is called a stand-in."""
+        title = self.scene_title(scene.name)
+        return f"{title} (stand-in)" if scene.is_stand_in else title
 
     def scene_title(self, scene: str) -> str:
         """Name of a scene for people, without its source."""
@@ -173,9 +176,8 @@ class Results:
     def command_of(self, ids) -> list[str]:
         """The distinct commands that made these runs, in order."""
         wanted = set(ids)
-        every = [*self.records, *self.accuracy, *self.precision, *self.roofline, *self.coherence]
-        commands = [r.get("command") or "" for r in every if r.get("id") in wanted]
-        return list(dict.fromkeys(as_command(command) for command in commands if command))
+        every: list[Row] = [*self.records, *self.accuracy, *self.precision, *self.roofline, *self.coherence]
+        return list(dict.fromkeys(row.command for row in every if row.id in wanted and row.command))
 
 
 def read_published(path: Path = PUBLISHED) -> dict:
@@ -186,50 +188,43 @@ def read_published(path: Path = PUBLISHED) -> dict:
         raise DefrayError(f"cannot read published numbers {path.name}: {error}") from error
 
 
-def latest(records: list[dict]) -> list[dict]:
-    """The last record of each run on each machine and geometry: a run measured again replaces the earlier one."""
-    kept = {(record["id"], key_of(record["machine"]), *source_of(record["scene"])): record for record in records}
-    return list(kept.values())
-
-
-def row_of(record: dict, scene_title) -> dict:
-    """One record as flat columns; a rate that the run does not have is NaN."""
-    scene, rays, grid = record["scene"], record["rays"], record.get("grid") or {}
-    title = scene_title(scene["name"])
-    row = {
-        "run": record["id"],
-        "scene": scene["name"],
-        "source": scene["source"],
-        "title": f"{title} (stand-in)" if scene["source"] == "stand-in" else title,
-        "size": scene_and_size(scene["name"])[1],
-        "triangles": int(scene["triangles"]),
-        "kind": rays["kind"],
-        "rays": int(rays["count"]),
-        "seed": rays.get("seed", 0),
-        "view": record.get("view") or "",
-        "tracer": record["tracer"],
-        "intersector": record.get("intersector") or "",
-        "options": options_text(record.get("options")),
-        "label": label_of(record),
-        "method": f"{record['tracer']}:{record.get('intersector') or ''}",
-        "device": record["machine"].get("device") or "",
-        "valid": record.get("valid") is True,
+def run_columns(run: Record, title: str) -> dict:
+    """One record as flat columns, itself as `record`; a rate that the run does not have is NaN."""
+    grid = run.grid
+    columns = {
+        "run": run.id,
+        "scene": run.scene.name,
+        "source": run.scene.source,
+        "title": title,
+        "size": scene_and_size(run.scene.name)[1],
+        "triangles": run.scene.triangles,
+        "kind": run.rays.kind,
+        "rays": run.rays.count,
+        "seed": run.rays.seed,
+        "view": run.view or "",
+        "tracer": run.tracer,
+        "intersector": run.intersector or "",
+        "options": options_text(run.options),
+        "label": variant_text(run),
+        "method": f"{run.tracer}:{run.intersector or ''}",
+        "device": run.machine.device or "",
+        "valid": run.valid,
         "grid": grid_text(grid),
-        "beside": beside_text(record),
-        "top": grid.get("top"),
-        "leaf": grid.get("leaf"),
-        "reading": grid.get("reading") or "",
-        "cells": resolution_of(grid),
-        "grid_megabytes": bytes_of(grid) / 1e6 if grid else float("nan"),
-        "repetitions": record.get("repetitions"),
-        "record": record,
+        "beside": beside_text(run),
+        "top": grid.top if grid else None,
+        "leaf": grid.leaf if grid else None,
+        "reading": grid.reading if grid else "",
+        "cells": cells_per_axis(grid),
+        "grid_megabytes": grid.bytes / 1e6 if grid else float("nan"),
+        "repetitions": run.repetitions,
+        "record": run,
     }
     for name in RATES:
-        rate = (record.get("rate") or {}).get(name) or {}
-        row[name] = megarays(rate.get("median"))
-        row[f"{name}_low"] = megarays(rate.get("low"))
-        row[f"{name}_high"] = megarays(rate.get("high"))
-    return row
+        rate = getattr(run.rate, name)
+        columns[name] = megarays(rate and rate.median)
+        columns[f"{name}_low"] = megarays(rate and rate.low)
+        columns[f"{name}_high"] = megarays(rate and rate.high)
+    return columns
 
 
 def order_of(row) -> tuple:
@@ -250,16 +245,10 @@ def order_of(row) -> tuple:
     )
 
 
-def resolution_of(grid: dict) -> float:
-    """Leaf cells an axis over the whole scene; NaN where they differ from place to place."""
-    if grid.get("reading") == "total":
-        return float(grid["leaf"])
-    if grid.get("reading") == "per-cell":
-        return float(grid["top"] * grid["leaf"])
+def cells_per_axis(grid: GridFacts | None) -> float:
+    """Leaf cells an axis over the whole scene; NaN where they differ from place to place, or there is no grid."""
+    if grid and grid.reading == "total":
+        return float(grid.leaf)
+    if grid and grid.reading == "per-cell":
+        return float(grid.top * grid.leaf)
     return float("nan")
-
-
-def bytes_of(grid: dict) -> float:
-    """All bytes of a grid, whether recorded as a sum or array by array."""
-    size = grid.get("bytes") or 0
-    return float(sum(size.values())) if isinstance(size, dict) else float(size)

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from harness.device.machine import environment_description, machine_description
 from harness.errors import DefrayError
 from harness.measure.scene import Scenes
+from harness.records.schema import Machine
 from harness.studies.study import Step, Task, Tell
 
 
@@ -29,7 +30,7 @@ class Executor(Protocol):
     `machine`: where rows are measured, as records describe it; rows of another device do not stand for its.
     """
 
-    machine: dict
+    machine: Machine
 
     def environment(self) -> dict:
         """All that is known of the machine, for `env.json`."""

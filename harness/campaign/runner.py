@@ -200,7 +200,7 @@ class _Campaign:
         if self.out and not resume and not self.study.adds:
             refuse_rows(self.file.path)
         rows = self.file.repair()
-        self.ledger = Ledger(self.study, rows if resume else [], machine["device"])
+        self.ledger = Ledger(self.study, rows if resume else [], machine.device)
 
     def _warn(self, message: str) -> None:
         self.console.print(f"[yellow]warning:[/yellow] {escape(message)}", highlight=False, soft_wrap=True)

@@ -4,6 +4,5 @@ from __future__ import annotations
 
 from harness.claims.judge import Judged, judge_all, write_claims
 from harness.claims.model import Claim, read_claims
-from harness.claims.show import claims_html, claims_table
 
-__all__ = ["Claim", "Judged", "claims_html", "claims_table", "judge_all", "read_claims", "write_claims"]
+__all__ = ["Claim", "Judged", "judge_all", "read_claims", "write_claims"]

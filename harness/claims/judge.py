@@ -10,8 +10,8 @@ from pathlib import Path
 from harness.analysis.results import Results
 from harness.claims.history import rule_before_run
 from harness.claims.model import FILE, Claim, read_claims
+from harness.claims.operands import Evidence
 from harness.claims.outcome import Outcome, every, some
-from harness.claims.rules import Evidence
 
 VERDICTS = ("reproduced", "shape only", "contradicted", "inconclusive", "not attempted")
 
@@ -80,7 +80,7 @@ def judge_all(runs: Results, path: Path = FILE) -> list[Judged]:
     """A verdict for every claim, in the order of claims.toml; raises DefrayError for a file it cannot read."""
     scenes, claims = read_claims(path)
     rows = [*runs.records, *runs.coherence]
-    commits = {row["id"]: row.get("commit") or "" for row in rows}
+    commits = {row.id: row.commit for row in rows}
     judged = [judge(claim, Evidence(runs, scenes)) for claim in claims]
     return [replace(one, rule_before_run=_rule_before_run(one, commits, path)) for one in judged]
 

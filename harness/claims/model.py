@@ -10,8 +10,8 @@ from typing import Literal
 
 from pydantic import Field, ValidationError, create_model, model_validator
 
-from harness.claims.outcome import Strict
 from harness.claims.rules import any_rule
+from harness.data import Strict
 from harness.errors import DefrayError, first_problem
 from harness.files import ROOT
 

@@ -7,15 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import model_validator
+
+from harness.data import Strict
 
 Answer = bool | None  # None: open, as the numbers allow either
-
-
-class Strict(BaseModel):
-    """Data of claims.toml: an unknown key is an error."""
-
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 @dataclass(frozen=True)

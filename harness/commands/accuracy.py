@@ -19,9 +19,9 @@ VariantsOption = Annotated[
     str | None,
     typer.Option(
         metavar="A,B,...",
-        help="tracer:intersector[:option=value...], also binning=padded, closed, open or box (the grid's overlap "
-        "test). By default every intersector in the deferred tracer, contraction off and on, every binning, "
-        "forward, and Embree; with --tier, the tier's.",
+        help="tracer:intersector[:option=value...], also overlap=padded, closed, open or box (the test "
+        "that fills the grid). By default every intersector in the deferred tracer, contraction off and on, every "
+        "overlap test, forward, and Embree; with --tier, the tier's.",
     ),
 ]
 EPILOG = (
@@ -78,5 +78,5 @@ def accuracy(
         # Its rows do not stand in the way of those that are missing: a stopped one goes on.
         code = run(more, executor, out, True, again()).code or code
     if json:
-        print_json(found.rows)
+        print_json([row.as_json() for row in found.rows])
     raise typer.Exit(code)

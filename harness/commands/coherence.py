@@ -24,7 +24,7 @@ from harness.commands.options import (
     show_rows,
 )
 from harness.device.opened import open_device
-from harness.records.coherence_row import Coherence, predicted_ratios
+from harness.records.coherence_row import CoherenceBody, predicted_ratios
 from harness.studies.lanes_and_lines import WIDTHS
 
 EPILOG = "Example:  [bold]defray coherence sponza --rays 64k --out results/mine[/bold]"
@@ -56,10 +56,10 @@ def coherence(
     raise typer.Exit(found.code)
 
 
-def print_counts(row: dict) -> None:
+def print_counts(row: CoherenceBody) -> None:
     """Counts of one row and what they predict, on standard output."""
-    counts = [Coherence(**one) for one in row["counts"]]
-    table = Table(title=f"{row['scene']['name']}, {row['rays']['count']:,} rays, wave {row['wave']}")
+    counts, rays = row.counts, row.rays.count
+    table = Table(title=f"{row.scene.name}, {rays:,} rays, wave {row.wave}")
     for name in (
         "lanes",
         "tracer",
@@ -72,7 +72,6 @@ def print_counts(row: dict) -> None:
         "128 B lines",
     ):
         table.add_column(name, justify="left" if name == "tracer" else "right")
-    rays = row["rays"]["count"]
     for one in sorted(counts, key=lambda c: c.lanes):
         table.add_row(
             str(one.lanes),

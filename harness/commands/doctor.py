@@ -38,7 +38,7 @@ def _answer(probes: list[Probe], works: bool) -> dict:
         "works": works,
         "remedy": "" if works else _remedy(probes),
         "devices": [asdict(probe) for probe in probes],
-        "machine": machine_description(None),
+        "machine": machine_description(None).as_json(),
     }
 
 

@@ -15,9 +15,11 @@ from harness.inputs.memory import announcements
 from harness.inputs.scenes import expected_triangles
 from harness.measure.pipeline import run_group
 from harness.measure.scene import Scenes
+from harness.records.agreement import why_failed
 from harness.records.origin import finish
+from harness.records.run_row import Record
 from harness.spec.run_spec import parse_count
-from harness.studies.runs import disagreement, run_name
+from harness.studies.runs import run_name
 
 
 def common_fields(rays: str, kind: str, seed: int, view: str | None, repetitions: int, check: str) -> dict:
@@ -35,7 +37,7 @@ def common_fields(rays: str, kind: str, seed: int, view: str | None, repetitions
     }
 
 
-def measured_group(specs: list, device_part: str | None) -> list[dict]:
+def measured_group(specs: list, device_part: str | None) -> list[Record]:
     """Finished records of one group, in the order of `specs`; progress goes to standard error."""
     console = Console(stderr=True)
     done = {}
@@ -50,15 +52,15 @@ def measured_group(specs: list, device_part: str | None) -> list[dict]:
             status.update(f"{escape(what)}: {escape(step.stage)} ({step.done:.0%})")
 
         for spec, body in run_group(specs, Scenes(device), progress):
-            done[spec.id] = finish(body, spec, machine_description(device))
+            done[spec.id] = finish(Record, body, machine_description(device), id=spec.id)
     return [done[spec.id] for spec in specs]
 
 
-def exit_by_checks(records: list[dict]) -> None:
+def exit_by_checks(records: list[Record]) -> None:
     """Exit 1, with a line on standard error, when a check failed."""
-    failed = [r for r in records if not r["valid"] and r["agreement"]["reference"] != "none"]
+    failed = [record for record in records if record.failed]
     for record in failed:
-        name = f"{record['scene']['name']} {record['tracer']}:{record['intersector'] or ''}".rstrip(":")
-        print_error(f"check failed: {name}: {disagreement(record['agreement'])}; no rate is reported")
+        name = f"{record.scene.name} {record.tracer}:{record.intersector or ''}".rstrip(":")
+        print_error(f"check failed: {name}: {why_failed(record.agreement)}; no rate is reported")
     if failed:
         raise typer.Exit(1)

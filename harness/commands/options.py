@@ -6,7 +6,7 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -86,10 +86,10 @@ def print_error(message: str) -> None:
     print(f"{red}error:{plain} {message}", file=sys.stderr)
 
 
-def show_rows(rows: list[dict], json: bool, show: Callable[[dict], None]) -> None:
+def show_rows(rows: Sequence, json: bool, show: Callable) -> None:
     """JSON of all rows on standard output, or each as `show` prints it."""
     if json:
-        print_json(rows)
+        print_json([row.as_json() for row in rows])
         return
     for row in rows:
         show(row)

@@ -51,6 +51,6 @@ def recommend(
     else:
         for note in advice.notes:
             typer.echo(f"measured here: {note}")
-        for line in module.lines_of(advice):
+        for line in module.advice_lines(advice):
             typer.echo(line, err=advice.choice is None)
     raise typer.Exit(0 if advice.choice else 1)

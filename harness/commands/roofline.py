@@ -25,6 +25,7 @@ from harness.commands.options import (
 )
 from harness.device.opened import open_device
 from harness.errors import CheckFailed
+from harness.records.roofline_row import CeilingValues, KernelRow, RooflineBody
 from harness.studies.roofline.instructions import inner_loop
 
 EPILOG = "Example:  [bold]defray roofline sponza --structure 'adaptive density=0.3' --out results/mine[/bold]"
@@ -65,20 +66,20 @@ def roofline(
     if instructions:
         print_instructions(device_variants(variants))
     for row in found.rows:
-        if not row["valid"]:
-            raise CheckFailed(f"check failed: {row['scene']['name']} {row['variant']}; no times are reported")
+        if not row.valid:
+            raise CheckFailed(f"check failed: {row.scene.name} {row.variant}; no times are reported")
     raise typer.Exit(found.code)
 
 
-def console_table(row: dict) -> None:
+def console_table(row: RooflineBody) -> None:
     """Ceilings and kernels of one row on standard output."""
-    fields = ceiling_text(row["ceilings"])
-    total = sorted(row["seconds"])[len(row["seconds"]) // 2] / row["rays"]["count"] * 1e9 if row["seconds"] else 0
-    table = Table(title=f"{row['scene']['name']} {row['variant']}: {total:.0f} ns a ray\n{fields}")
+    fields, rays = ceiling_text(row.ceilings), row.rays.count
+    total = sorted(row.seconds)[len(row.seconds) // 2] / rays * 1e9 if row.seconds else 0
+    table = Table(title=f"{row.scene.name} {row.variant}: {total:.0f} ns a ray\n{fields}")
     for name in ("kernel", "ns a ray", "flops a ray", "bytes a ray", "uncached", "flops/byte", "Gflop/s", "GB/s"):
         table.add_column(name, justify="left" if name == "kernel" else "right")
-    for kernel in row["kernels"]:
-        table.add_row(*kernel_cells(kernel, row["rays"]["count"]))
+    for kernel in row.kernels:
+        table.add_row(*kernel_cells(kernel, rays))
     Console(width=118, highlight=False).print(table)
 
 
@@ -94,21 +95,21 @@ def print_instructions(variants: list) -> None:
             )
 
 
-def ceiling_text(ceilings: dict) -> str:
+def ceiling_text(ceilings: CeilingValues) -> str:
     """The three ceilings in words."""
-    giga = {name: ceilings[name]["rate"]["median"] / 1e9 for name in ("memory", "cache", "fma")}
+    giga = {name: getattr(ceilings, name).rate.median / 1e9 for name in ("memory", "cache", "fma")}
     return (
         f"copy {giga['memory']:.3g} GB/s from memory, {giga['cache']:.3g} GB/s from the last cache; "
         f"fma {giga['fma']:.3g} Gflop/s"
     )
 
 
-def kernel_cells(kernel: dict, rays: int) -> list[str]:
+def kernel_cells(kernel: KernelRow, rays: int) -> list[str]:
     """One kernel's row of the table; a dash for what is not stated."""
-    time = kernel["nanoseconds"]["median"]
-    shown = [kernel["name"], f"{time:.1f}"]
-    if kernel["bytes"] is None:
+    time = kernel.nanoseconds.median
+    shown = [kernel.name, f"{time:.1f}"]
+    if not kernel.is_stated:
         return [*shown, *["–"] * 6]
-    flops, moved, uncached = (kernel[key] / rays for key in ("flops", "bytes", "uncached_bytes"))
+    flops, moved, uncached = (work / rays for work in (kernel.flops, kernel.bytes, kernel.uncached_bytes))
     shown += [f"{flops:,.0f}", f"{moved:,.0f}", f"{uncached:,.0f}", f"{flops / moved:.2f}" if moved else "–"]
     return [*shown, *([f"{flops / time:.2f}", f"{moved / time:.2f}"] if time else ["–", "–"])]

@@ -11,11 +11,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from harness.analysis.names import two_digits
 from harness.campaign.executors import Local
 from harness.campaign.runner import run
 from harness.campaign.tasks import check_suite, stability_tasks
 from harness.commands.options import DeviceOption, JsonOption, ResumeOption, again, print_json
 from harness.device.opened import open_device
+from harness.records.stability_row import StressRow
 from harness.spec.stress_suite import families
 from harness.studies.stability.suite import is_promised, is_test
 
@@ -49,15 +51,15 @@ def stability(
     found = run(tasks, executor, out, resume, again() if out else "")
     rows = [row for row in found.rows if is_test(row)]
     if json:
-        print_json(rows)
+        print_json([row.as_json() for row in rows])
     else:
         console = Console(width=None if sys.stdout.isatty() else 240)
         console.print(table(rows))
         console.print(LEGEND, highlight=False)
     for row in rows:
-        if not row["passed"] and is_promised(row):
-            name = f"{row['intersector']}, contraction {row['contraction']}"
-            print(f"error: {name} fails family {row['family']}", file=sys.stderr)
+        if not row.passed and is_promised(row):
+            name = f"{row.intersector}, contraction {row.contraction}"
+            print(f"error: {name} fails family {row.family}", file=sys.stderr)
     raise typer.Exit(found.code)
 
 
@@ -75,37 +77,30 @@ LEGEND = (
 )
 
 
-def table(rows: Sequence[dict]) -> Table:
+def table(rows: Sequence[StressRow]) -> Table:
     """Methods by families: the figure that decides, red where the family is failed."""
-    order = [family for family in families() if any(row["family"] == family for row in rows)]
-    found = {(row["intersector"], row["contraction"], row["family"]): row for row in rows}
+    order = [family for family in families() if any(row.family == family for row in rows)]
+    found = {row.key: row for row in rows}
     result = Table(box=None)
     result.add_column("intersector")
     result.add_column("contraction")
     for family in order:
         result.add_column(family, justify="right")
-    for name, mode in dict.fromkeys((row["intersector"], row["contraction"]) for row in rows):
+    for name, mode in dict.fromkeys((row.intersector, row.contraction) for row in rows):
         cells = [_cell(found.get((name, mode, family))) for family in order]
         result.add_row(name, mode, *cells)
     return result
 
 
-def _cell(row: dict | None) -> str:
+def _cell(row: StressRow | None) -> str:
     if row is None:
         return "–"
-    if row["band_ulp"] is not None and row["residual_p99_ulp"] is not None and row["family"] != "A4":
-        text = f"{_number(row['band_ulp'])}|{_number(row['residual_p99_ulp'])}"
-    elif row["leaks"] is not None:
-        text = _number(1e6 * row["leaks"] / row["rays"])
-    elif row["self_hits"] is not None:
-        text = f"{_number(1e6 * row['self_hits'] / row['rays'])},{_number(1e6 * row['tunnels'] / row['rays'])}"
+    if row.band_ulp is not None and row.residual_p99_ulp is not None and row.family != "A4":
+        text = f"{two_digits(row.band_ulp)}|{two_digits(row.residual_p99_ulp)}"
+    elif row.leaks is not None:
+        text = two_digits(1e6 * row.leaks / row.rays)
+    elif row.self_hits is not None:
+        text = f"{two_digits(1e6 * row.self_hits / row.rays)},{two_digits(1e6 * row.tunnels / row.rays)}"
     else:
-        text = _number(row["gross"])
-    return text if row["passed"] else f"[red]{text} ✗[/red]"
-
-
-def _number(value: float) -> str:
-    """Two digits are enough to see where a method fails."""
-    if value < 1000:
-        return f"{value:.2g}" if value < 100 else f"{value:.0f}"
-    return f"{value:.0e}".replace("e+0", "e")
+        text = two_digits(row.gross)
+    return text if row.passed else f"[red]{text} ✗[/red]"

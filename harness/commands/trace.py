@@ -60,7 +60,7 @@ def trace(
     specs = list(interleaved(scene, [Variant.parse(text)], [parse_structure(structure)], **common))
     record = measured_group(specs, device)[0]
     if json:
-        print_json(record)
+        print_json(record.as_json())
     else:
         print_table(record_table(record))
     exit_by_checks([record])

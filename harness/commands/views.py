@@ -14,6 +14,6 @@ def views(folder: FolderArgument, device: DeviceOption = None) -> None:
     """Render the view of each scene of a sweep by ambient occlusion, for the report."""
     records = RecordFile(records_of(folder)).read()
     # A mesh file is called by its stem in records, and found by its path.
-    scenes = {r["scene"]["name"]: r["spec"].get("scene", r["scene"]["name"]) for r in records if r["view"]}
+    scenes = {record.scene.name: record.spec["scene"] for record in records if record.view}
     for file in write_views(folder / "views", scenes, open_device(device)):
         typer.echo(file)

@@ -12,26 +12,27 @@ from pathlib import Path
 
 from harness.device.opened import Device, probe_all
 from harness.files import commit_and_dirty, now_utc
+from harness.records.schema import Machine
 
 VERSIONED = ("numpy", "pyopencl", "embreex", "trimesh", "pandas", "matplotlib")
 RECORDED_VARIABLES = ("POCL_", "PYOPENCL_", "OCL_", "OPENCL_", "CL_CONFIG_")
 
 
-def machine_description(device: Device | None) -> dict:
-    """The `machine` part of a record: hardware, operating system, versions and OpenCL environment."""
-    return {
-        "cpu": _cpu_name(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        "memory_bytes": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
-        "os": _os_name(),
-        "kernel": host.release(),
-        "governor": _file_text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
-        "device": device.name if device else None,
-        "platform": device.platform if device else None,
-        "driver": device.driver if device else None,
-        "versions": _versions(device),
-        "environment": _environment(),
-    }
+def machine_description(device: Device | None) -> Machine:
+    """The `machine` part of a row: hardware, operating system, versions and OpenCL environment."""
+    return Machine(
+        cpu=_cpu_name(),
+        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        memory_bytes=os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
+        os=_os_name(),
+        kernel=host.release(),
+        governor=_file_text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+        device=device.name if device else None,
+        platform=device.platform if device else None,
+        driver=device.driver if device else None,
+        versions=_versions(device),
+        environment=_environment(),
+    )
 
 
 def _file_text(path: str) -> str | None:
@@ -85,7 +86,7 @@ def environment_description(device) -> dict:
     every installed package, compilers, commit. What cannot be read is None or missing."""
     commit, dirty = commit_and_dirty()
     return {
-        **machine_description(device),
+        **machine_description(device).as_json(),
         "logical_cpus": os.cpu_count(),
         "caches": caches(),
         "turbo": turbo(),

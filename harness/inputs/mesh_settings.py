@@ -19,18 +19,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from harness.data import View
+from harness.data import Strict, View
 from harness.errors import DefrayError, first_problem
 from harness.inputs.viewpoints import up_vector
 
 Coordinate = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid")
 
 
 def _not_zero(vector: Vector) -> Vector:
@@ -39,7 +35,7 @@ def _not_zero(vector: Vector) -> Vector:
     return vector
 
 
-class Camera(_Strict):
+class Camera(Strict):
     """One view, in the units of the mesh."""
 
     name: str = Field(default="", max_length=60)
@@ -55,7 +51,7 @@ class Camera(_Strict):
         return self
 
 
-class Sidecar(_Strict):
+class Sidecar(Strict):
     """What a `mesh.toml` may say; every key may be left out."""
 
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = "y"

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from harness import stats, tracers
-from harness.data import Counters, Hits, Samples, Scene, differing
+from harness.data import Counters, Hits, Rays, Samples, Scene, differing
 from harness.measure.scene import Scenes
-from harness.reference.check import Agreement
+from harness.records.agreement import Agreement
+from harness.records.run_row import Rates, RunBody
+from harness.records.schema import GridFacts, RayFacts, SceneFacts
 from harness.spec.run_spec import RunSpec
 from harness.structures.base import Structure
 from harness.tracers.base import Tracer
@@ -80,12 +81,12 @@ class Group:
         agreement = self.shared.checker(run.spec, self.rays).check(run.hits)
         if run.unstable:
             reason = f"{run.unstable} rays changed their hit from one repetition to the next"
-            return dataclasses.replace(agreement, valid=False, reason=reason)
+            return agreement.model_copy(update={"valid": False, "reason": reason})
         most = most_common(runs, run)
         differ = differing(run.hits, most.hits)
         if differ:
             reason = f"{differ} rays differ from {most.spec.variant}, which they must equal bit for bit"
-            return dataclasses.replace(agreement, valid=False, reason=reason)
+            return agreement.model_copy(update={"valid": False, "reason": reason})
         return agreement
 
 
@@ -111,15 +112,16 @@ def hits_hash(hits: Hits) -> str:
     return hashlib.sha256(hits.t.tobytes() + hits.primitive.tobytes()).hexdigest()
 
 
-def scene_facts(scene: Scene) -> dict:
-    """The `scene` part of a record."""
-    return {
-        "name": scene.name,
-        "source": scene.source,
-        "triangles": len(scene),
-        "sha256": scene.sha256,
-        "views": scene.views_from,
-    }
+def scene_facts(scene: Scene) -> SceneFacts:
+    """The `scene` part of a row."""
+    return SceneFacts(
+        name=scene.name, source=scene.source, triangles=len(scene), sha256=scene.sha256, views=scene.views_from
+    )
+
+
+def ray_facts(rays: Rays) -> RayFacts:
+    """The `rays` part of a row."""
+    return RayFacts(kind=rays.kind, count=len(rays), seed=rays.seed)
 
 
 def _turn(tracer: str) -> int:
@@ -127,28 +129,30 @@ def _turn(tracer: str) -> int:
     return DEFERRED.index(tracer) if tracer in DEFERRED else len(DEFERRED)
 
 
-def describe_structure(structure: Structure, choice: Choice | None) -> dict:
-    """The `grid` part of a record, and why it was chosen, where it was."""
-    return {**structure.describe(), **(choice.describe() if choice else {})}
+def describe_structure(structure: Structure, choice: Choice | None = None) -> GridFacts:
+    """The `grid` part of a row, and why it was chosen, where it was."""
+    return GridFacts(**structure.describe(), **(choice.describe() if choice else {}))
 
 
-def describe_run(group: Group, run: Run, agreement: Agreement) -> dict:
+def describe_run(group: Group, run: Run, agreement: Agreement) -> RunBody:
     """The body of a record: everything but identity, time and machine."""
     scene, rays, spec, tracer = group.shared.scene, group.rays, run.spec, run.tracer
-    return {
-        "scene": scene_facts(scene),
-        "view": None if rays.kind in ("random", "file") else spec.view or scene.views[0].name,
-        "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
-        "grid": describe_structure(group.prepared.structure, group.choice) if tracer.needs_structure else None,
-        "tracer": tracer.name,
-        "intersector": run.tracer.intersector.name if run.tracer.intersector else None,
-        "options": run.options,
-        "samples": dataclasses.asdict(run.samples),
-        "rate": stats.rates(run.samples, len(rays), agreement.valid),
-        "counters": dataclasses.asdict(run.counters),
-        "agreement": agreement.to_record(),
-        "hits": int((run.hits.primitive >= 0).sum()),
-        "hits_sha256": hits_hash(run.hits),
-        "hierarchy_build_seconds": getattr(tracer, "build_seconds", None),
-        "valid": agreement.valid,
-    }
+    return RunBody(
+        scene=scene_facts(scene),
+        view=None if rays.kind in ("random", "file") else spec.view or scene.views[0].name,
+        rays=ray_facts(rays),
+        grid=describe_structure(group.prepared.structure, group.choice) if tracer.needs_structure else None,
+        tracer=tracer.name,
+        intersector=tracer.intersector.name if tracer.intersector else None,
+        options=run.options,
+        repetitions=spec.repetitions,
+        spec=spec.model_dump(mode="json"),
+        samples=run.samples,
+        rate=Rates(**stats.rates(run.samples, len(rays), agreement.valid)),
+        counters=run.counters,
+        agreement=agreement,
+        hits=int((run.hits.primitive >= 0).sum()),
+        hits_sha256=hits_hash(run.hits),
+        hierarchy_build_seconds=getattr(tracer, "build_seconds", None),
+        valid=agreement.valid,
+    )

@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterator, Sequence
 from harness.measure.group import Group, Progress, describe_run
 from harness.measure.interleave import repeat_interleaved, warm_up
 from harness.measure.scene import Scenes
+from harness.records.run_row import RunBody
 from harness.spec.run_spec import RunSpec
 
 
 def run_group(
     specs: Sequence[RunSpec], scenes: Scenes, progress: Callable[[Progress], None] | None = None
-) -> Iterator[tuple[RunSpec, dict]]:
+) -> Iterator[tuple[RunSpec, RunBody]]:
     """Measure runs that share scene, rays and grid; yields each spec with the body of its record.
 
     Every variant is warmed up, repetitions are interleaved in random order, and every run's hits are checked.

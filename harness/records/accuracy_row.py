@@ -6,29 +6,27 @@ Unlike a record, a row of a variant that is known to be inaccurate has a rate; a
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
 from harness.data import CLASSES
+from harness.records.agreement import RelativeError, StoredAgreement
 from harness.records.record_file import RecordFile
-from harness.records.run_row import Agreement, Part, Provenance, Rate, RayFacts, RelativeError, checked_row
+from harness.records.schema import Body, RayFacts, Row, Stored, StructurePlace
+from harness.stats import Interval
 
-SCHEMA = 2
 FILE = "accuracy.jsonl"
 
 
-class GridPlace(Part):
-    """Resolution of the grid, as `harness.data.GridSpec` has it."""
+class GridPlace(StructurePlace):
+    """The structure that was asked for."""
 
-    top: int
-    leaf: int
-    reading: str
     density: float | None = None
 
 
-class AimedCounts(Part):
-    """Aimed rays traced, those let through, and those of them aimed at vertices; see `harness/aimed.py`.
+class AimedCounts(Stored):
+    """Aimed rays traced, those let through, and those of them aimed at vertices; see `harness/inputs/aimed_rays.py`.
 
     A variant is given no more rays once it has leaked a thousand. `seed`: of the rays.
     """
@@ -47,13 +45,13 @@ class AimedCounts(Part):
         return self
 
 
-class AccuracyRow(Provenance):
-    """One variant on one scene.
+class AccuracyBody(Body):
+    """One variant on one scene, as measured.
 
-    `variant` names tracer, intersector, options and binning in one text. `seconds`: from diffuse rays to hits, each
-    repetition; `rate`: rays a second. `t_error`: of the diffuse rays' t, relative to the plane of the triangle that
-    was hit, in float64; `residual_p99_ulp`: the same as a distance from the plane, in local ulp. `distance_rmse`:
-    of the hit distance against the reference, over the scene's diagonal, at which a miss is counted.
+    `variant` names tracer, intersector, options and overlap test in one text. `seconds`: from diffuse rays to hits,
+    each repetition; `rate`: rays a second. `t_error`: of the diffuse rays' t, relative to the plane of the triangle
+    that was hit, in float64; `residual_p99_ulp`: the same as a distance from the plane, in local ulp.
+    `distance_rmse`: of the hit distance against the reference, over the scene's diagonal, at which a miss is counted.
     """
 
     variant: str
@@ -62,21 +60,21 @@ class AccuracyRow(Provenance):
     contraction: Literal["off", "on"] | None
     options: dict[str, str]
     grid: GridPlace | None
-    binning: str | None
+    overlap: str | None = Field(alias="binning")  # schema 2 calls the overlap test that, in variants' texts too
     rays: RayFacts
     repetitions: int = Field(gt=0)
     seconds: list[float] = Field(min_length=1)
-    rate: Rate
+    rate: Interval
     aimed: AimedCounts
     t_error: RelativeError
     residual_p99_ulp: float | None
     distance_rmse: float = Field(ge=0)
-    agreement: Agreement
+    agreement: StoredAgreement
     valid: bool
 
     @model_validator(mode="after")
-    def _no_rate_without_errors(self) -> AccuracyRow:
-        if self.agreement.reference not in ("embree", "exact"):
+    def _no_rate_without_errors(self) -> AccuracyBody:
+        if not self.agreement.is_checked:
             raise ValueError("a rate needs hits that were compared with a reference")
         if sum(getattr(self.agreement, name) for name in CLASSES) != self.rays.count:
             raise ValueError("the classes of agreement must add up to the rays")
@@ -85,11 +83,10 @@ class AccuracyRow(Provenance):
         return self
 
 
-def accuracy_row(row: Any, where: str) -> dict:
-    """`row` in the schema's key order; raises DefrayError naming `where` and the first bad key."""
-    return checked_row(AccuracyRow, SCHEMA, row, where)
+class AccuracyRow(AccuracyBody, Row):
+    """One variant on one scene, as stored."""
 
 
-def accuracy_file(folder: Path, **options) -> RecordFile:
+def accuracy_file(folder: Path, **options) -> RecordFile[AccuracyRow]:
     """The rows of a folder as an append-only file; `options` as RecordFile takes them."""
-    return RecordFile(Path(folder) / FILE, validate=accuracy_row, **options)
+    return RecordFile(Path(folder) / FILE, AccuracyRow, **options)

@@ -2,36 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
 from harness.records.record_file import RecordFile
-from harness.records.run_row import GridFacts, Part, Provenance, RayFacts, checked_row
+from harness.records.schema import Body, GridFacts, RayFacts, Row, Stored
+
+FILE = "coherence.jsonl"
 
 
-@dataclass
-class Coherence:
-    """Counts of one model and width. A trip is `uneven` where not every lane takes part.
+class Coherence(Stored):
+    """Exact counts of one model and width. A trip is `uneven` where not every lane takes part.
 
     `lines_64`, `lines_128`: distinct cache lines of triangles that each of `line_trips` trips loads, added up; these
     trips make `line_tests` tests, and are all of them unless there are too many.
     """
 
-    model: str
-    lanes: int
-    steps: int
-    step_trips: int
-    uneven_step_trips: int
-    tests: int
-    test_trips: int
-    uneven_test_trips: int
-    line_trips: int = 0
-    line_tests: int = 0
-    lines_64: int = 0
-    lines_128: int = 0
+    model: Literal["forward", "deferred", "deferred-packed"]
+    lanes: int = Field(gt=0)
+    steps: int = Field(ge=0)
+    step_trips: int = Field(ge=0)
+    uneven_step_trips: int = Field(ge=0)
+    tests: int = Field(ge=0)
+    test_trips: int = Field(ge=0)
+    uneven_test_trips: int = Field(ge=0)
+    line_trips: int = Field(ge=0)
+    line_tests: int = Field(ge=0)
+    lines_64: int = Field(ge=0)
+    lines_128: int = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _lanes_bound_the_work(self) -> Coherence:
+        for work, trips, uneven in (
+            (self.steps, self.step_trips, self.uneven_step_trips),
+            (self.tests, self.test_trips, self.uneven_test_trips),
+            (self.line_tests, self.line_trips, 0),
+        ):
+            if not trips <= work <= self.lanes * trips or uneven > trips:
+                raise ValueError("a trip works on one lane at least and on all at most")
+        return self
 
     @property
     def walk_efficiency(self) -> float:
@@ -53,10 +64,6 @@ class Coherence:
         """Distinct cache lines of `line` bytes that a trip of the tests loads."""
         return getattr(self, f"lines_{line}") / self.line_trips if self.line_trips else 0.0
 
-    def as_dict(self) -> dict:
-        """All counts."""
-        return asdict(self)
-
 
 def predicted_ratios(counts: list[Coherence], lanes: int) -> dict[str, dict[str, float]]:
     """Cost of forward tests over that of the other models, by model: in `trips`, which is the ratio of times where
@@ -73,53 +80,21 @@ def predicted_ratios(counts: list[Coherence], lanes: int) -> dict[str, dict[str,
     }
 
 
-SCHEMA = 2
-FILE = "coherence.jsonl"
+class CoherenceBody(Body):
+    """One scene, grid and set of rays, as counted. `wave`: non-empty cells a ray of the deferred tracer."""
 
-
-class CoherenceCounts(Part):
-    """The fields of `harness.coherence.Coherence`, exact integers."""
-
-    model: Literal["forward", "deferred", "deferred-packed"]
-    lanes: int = Field(gt=0)
-    steps: int = Field(ge=0)
-    step_trips: int = Field(ge=0)
-    uneven_step_trips: int = Field(ge=0)
-    tests: int = Field(ge=0)
-    test_trips: int = Field(ge=0)
-    uneven_test_trips: int = Field(ge=0)
-    line_trips: int = Field(ge=0)
-    line_tests: int = Field(ge=0)
-    lines_64: int = Field(ge=0)
-    lines_128: int = Field(ge=0)
-
-    @model_validator(mode="after")
-    def _lanes_bound_the_work(self) -> CoherenceCounts:
-        for work, trips, uneven in (
-            (self.steps, self.step_trips, self.uneven_step_trips),
-            (self.tests, self.test_trips, self.uneven_test_trips),
-            (self.line_tests, self.line_trips, 0),
-        ):
-            if not trips <= work <= self.lanes * trips or uneven > trips:
-                raise ValueError("a trip works on one lane at least and on all at most")
-        return self
-
-
-class CoherenceRow(Provenance):
-    """One scene, grid and set of rays. `wave`: non-empty cells a ray of the deferred tracer."""
-
+    id: str
     intersector: str
     wave: int = Field(gt=0)
     grid: GridFacts
     rays: RayFacts
-    counts: list[CoherenceCounts] = Field(min_length=1)
+    counts: list[Coherence] = Field(min_length=1)
 
 
-def coherence_row(row: Any, where: str) -> dict:
-    """`row` in the schema's key order; raises DefrayError naming `where` and the first bad key."""
-    return checked_row(CoherenceRow, SCHEMA, row, where)
+class CoherenceRow(CoherenceBody, Row):
+    """One scene, grid and set of rays, as stored."""
 
 
-def coherence_file(folder: Path, **options) -> RecordFile:
+def coherence_file(folder: Path, **options) -> RecordFile[CoherenceRow]:
     """The rows of a folder as an append-only file; `options` as RecordFile takes them."""
-    return RecordFile(Path(folder) / FILE, validate=coherence_row, **options)
+    return RecordFile(Path(folder) / FILE, CoherenceRow, **options)

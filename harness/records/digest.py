@@ -60,13 +60,13 @@ def check_schema(row: dict, schema: int, where: str) -> None:
         raise DefrayError(f"{where}: schema {found!r}, but this version reads schema {schema}")
 
 
-def lines_of(text: str) -> list[str]:
+def split_lines(text: str) -> list[str]:
     """Lines of a file of rows. A line feed alone ends one: texts in JSON may hold U+2028 and others, at which
     `str.splitlines` would cut."""
     return text.removesuffix("\n").split("\n") if text else []
 
 
-def name_of(row: Any) -> str:
+def row_title(row: Any) -> str:
     """A row for people: its id, scene and variant, as far as it has them; empty where it has none."""
     if not isinstance(row, dict):
         return ""
@@ -78,7 +78,7 @@ def name_of(row: Any) -> str:
     return ", ".join(part for part in (f"id {row['id']}" if "id" in row else "", words) if part)
 
 
-def place_of(row: Any, path, line: int) -> str:
+def row_place(row: Any, path, line: int) -> str:
     """Where a row lies and what it is, for messages: `records.jsonl, line 3 (id 63ea..., crown embree)`."""
-    name = name_of(row)
+    name = row_title(row)
     return f"{path}, line {line}" + (f" ({name})" if name else "")

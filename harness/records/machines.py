@@ -6,61 +6,38 @@ one of (`env.json`, `sweep.json`, `errors.jsonl`, `stability.json`) lies in `mac
 
 from __future__ import annotations
 
-import hashlib
 import json
-import re
 import shutil
 from collections import Counter
 from pathlib import Path
+from typing import TypeVar
 
 from harness.errors import DefrayError
-from harness.records.digest import KEY, lines_of, needs_digest, place_of, unsealed
+from harness.records.digest import KEY, needs_digest, row_place, split_lines, unsealed
+from harness.records.schema import MachineKey, Row
 
-FACTS = ("cpu", "cores", "platform", "device")
+RowType = TypeVar("RowType", bound=Row)
 OWN_FILES = ("env.json", "sweep.json", "errors.jsonl", "stability.json")
 FOLDER = "machines"
 
 
-def key_of(machine: dict) -> tuple:
-    """What tells one machine from another: processor, cores, OpenCL platform and device."""
-    return tuple(machine.get(name) for name in FACTS)
-
-
-def name_of(key: tuple) -> str:
-    """A machine's name in files: its device or processor and four digits of its key, `pthread-amd-epyc-1f3c`."""
-    words = re.sub(r"[^a-z0-9]+", "-", str(key[3] or key[0] or "machine").lower()).strip("-")[:40].strip("-")
-    return f"{words}-{hashlib.sha256(json.dumps(key).encode()).hexdigest()[:4]}"
-
-
-def title_of(key: tuple) -> str:
-    """A machine for people: device, processor where the device does not name it, and cores."""
-    cpu, cores, platform, device = key
-    parts = [
-        device or "no OpenCL device",
-        cpu if cpu and cpu not in (device or "") else "",
-        f"{cores} cores" if cores else "",
-        platform or "",
-    ]
-    return ", ".join(part for part in parts if part)
-
-
-def by_machine(rows: list[dict]) -> dict[tuple, list[dict]]:
+def by_machine(rows: list[RowType]) -> dict[MachineKey, list[RowType]]:
     """Rows of each machine, that with most first; those without a device join every machine of their processor."""
-    found: dict[tuple, list[dict]] = {}
+    found: dict[MachineKey, list[RowType]] = {}
     for row in rows:
-        found.setdefault(key_of(row["machine"]), []).append(row)
-    for key in [key for key in found if key[3] is None]:
-        same = [other for other in found if other[3] is not None and other[:2] == key[:2]]
+        found.setdefault(row.machine.key, []).append(row)
+    for key in [key for key in found if key.device is None]:
+        same = [other for other in found if other.device is not None and other.holds(key)]
         if same:
             rows_of_processor = found.pop(key)
             for other in same:
                 found[other] = found[other] + rows_of_processor
-    return dict(sorted(found.items(), key=lambda item: (-len(item[1]), item[0][3] is None, str(item[0]))))
+    return dict(sorted(found.items(), key=lambda item: (-len(item[1]), item[0].device is None, str(tuple(item[0])))))
 
 
-def own_folder(folder: Path, key: tuple) -> Path:
+def own_folder(folder: Path, key: MachineKey) -> Path:
     """Where the files of one machine's own lie."""
-    apart = folder / FOLDER / name_of(key)
+    apart = folder / FOLDER / key.file_name
     return apart if apart.is_dir() else folder
 
 
@@ -91,12 +68,12 @@ def _merged_lines(paths: list[Path]) -> list[str]:
     """Lines of all files, each once, those of one run on one machine in the order of time."""
     kept: dict[str, tuple[str, str]] = {}
     for path in paths:
-        for number, line in enumerate(lines_of(path.read_text(encoding="utf-8")) if path.is_file() else [], 1):
+        for number, line in enumerate(split_lines(path.read_text(encoding="utf-8")) if path.is_file() else [], 1):
             try:
                 row = json.loads(line)
             except ValueError:
                 raise DefrayError(f"{path}, line {number}: not JSON; repair it with --resume first") from None
-            where = place_of(row, path, number)
+            where = row_place(row, path, number)
             unsealed(row, where)
             needs_digest(row, where)
             kept.setdefault(row[KEY], (str(row.get("time_utc", "")), line))
@@ -108,17 +85,17 @@ def _copy_own_files(folder: Path, out: Path) -> None:
     for apart in (folder / FOLDER).glob("*"):
         for path in apart.iterdir():
             _copy(path, out / FOLDER / apart.name / path.name)
-    rows = [json.loads(line) for line in lines_of((folder / "records.jsonl").read_text(encoding="utf-8"))]
-    usual = Counter(key_of(row["machine"]) for row in rows).most_common(1)
+    rows = [json.loads(line) for line in split_lines((folder / "records.jsonl").read_text(encoding="utf-8"))]
+    usual = Counter(MachineKey.read(row["machine"]) for row in rows).most_common(1)
     for name in OWN_FILES:
         path = folder / name
         if path.is_file():
             about = _machine_in(path) or (usual[0][0] if usual else None)
             if about:
-                _copy(path, out / FOLDER / name_of(about) / name)
+                _copy(path, out / FOLDER / about.file_name / name)
 
 
-def _machine_in(path: Path) -> tuple | None:
+def _machine_in(path: Path) -> MachineKey | None:
     """The machine that a file names: `env.json` is one, `stability.json` has one."""
     if path.name not in ("env.json", "stability.json"):
         return None
@@ -127,7 +104,7 @@ def _machine_in(path: Path) -> tuple | None:
     except ValueError:
         raise DefrayError(f"{path} is not JSON; remove it or write it again") from None
     machine = facts.get("machine", {}) if path.name == "stability.json" else facts
-    return key_of(machine) if machine.get("device") else None
+    return MachineKey.read(machine) if machine.get("device") else None
 
 
 def _copy(path: Path, to: Path) -> None:

@@ -1,28 +1,18 @@
-"""Where a row comes from: commit, command, time and machine, added when it is finished."""
+"""Where a row comes from: commit, command, time and machine, added to a body when it is finished."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from typing import Any
+from typing import Any, TypeVar
 
+from pydantic import ValidationError
+
+from harness.errors import DefrayError, first_problem
 from harness.files import command_line, commit_and_dirty, now_utc
-from harness.records.machines import key_of
-from harness.records.record_file import validated
-from harness.records.run_row import SCHEMA
-from harness.spec.run_spec import RunSpec
+from harness.records.schema import Body, Machine, Row
 
-
-def row_facts(machine: dict) -> dict:
-    """When, where and by which command a row is measured; `machine` as `device.machine.machine_description` tells."""
-    commit, dirty = commit_and_dirty()
-    return {
-        "time_utc": now_utc(),
-        "command": command_line(),
-        "commit": commit,
-        "dirty": dirty,
-        "machine": machine,
-    }
+RowType = TypeVar("RowType", bound=Row)
 
 
 def identity(**facts: Any) -> str:
@@ -30,28 +20,21 @@ def identity(**facts: Any) -> str:
     return hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
-def latest_rows(rows: list[dict]) -> list[dict]:
+def latest_rows(rows: list[RowType]) -> list[RowType]:
     """The last row of each measurement on each machine and geometry: one measured again replaces the earlier one."""
-    return list({(row["id"], key_of(row["machine"]), *source_of(row["scene"])): row for row in rows}.values())
+    return list({row.measurement: row for row in rows}.values())
 
 
-def source_of(scene: dict) -> tuple[str, str]:
-    """What tells a scene from another of its name: real, stand-in or file, and the SHA-256 of its triangles."""
-    return scene["source"], scene["sha256"]
+def finish(row: type[RowType], body: Body, machine: Machine, **given: Any) -> RowType:
+    """A whole row of a measured body: when, where and by which command it was measured, at which commit.
 
-
-def finish(body: dict, spec: RunSpec, machine: dict) -> dict:
-    """A whole record: the measured `body` of one run with its id, time, command, commit and machine added.
-
-    Raises DefrayError when the body lacks a key, has one too many or holds a number that is not finite.
+    `given`: the `id` of a body that has none of its own. Raises DefrayError where the body holds a number that is not
+    finite, or what the row's class forbids.
     """
-    record = {
-        "view": spec.view,
-        **body,
-        "schema": SCHEMA,
-        "id": spec.id,
-        **row_facts(machine),
-        "repetitions": spec.repetitions,
-        "spec": spec.model_dump(mode="json"),
-    }
-    return validated(record, f"the record of {spec.scene} {spec.variant}")
+    commit, dirty = commit_and_dirty()
+    fields = {name: getattr(body, name) for name in type(body).model_fields}
+    origin = {"time_utc": now_utc(), "command": command_line(), "commit": commit, "dirty": dirty}
+    try:
+        return row(**{**fields, **origin, "machine": machine, **given})
+    except ValidationError as error:
+        raise DefrayError(f"a row of {body.scene.name}: {first_problem(error)}") from None

@@ -1,4 +1,4 @@
-"""The suite's results as a table for the terminal and as a file for the charts."""
+"""`stability.json`: results of the stress suite, method by method and family by family, with the tests' rates."""
 
 from __future__ import annotations
 
@@ -8,25 +8,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import Field, field_validator
 
 from harness.errors import DefrayError
 from harness.records import digest
+from harness.records.schema import SCHEMA, Machine, Stored, checked
 from harness.spec.stress_suite import families
+from harness.stats import Interval
 
-SCHEMA = 2
 Count = Annotated[int, Field(ge=0)]
-Size = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Size = Annotated[float, Field(ge=0)]
 FILE = "stability.json"
 
 
-class Part(BaseModel):
-    """A part of the file: no key that is not declared."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-class Row(Part):
+class StressRow(Stored):
     """One family with one intersector in one contraction mode; None where a metric does not apply.
 
     `size`: `full` or `smoke` inputs.
@@ -60,21 +55,23 @@ class Row(Part):
         return self.intersector, self.contraction, self.family
 
 
-class TestRate(Part):
-    """Tests a second."""
+class KernelRate(Stored):
+    """Isolated tests a second of one intersector; None where its hits failed their check.
 
-    median: float = Field(gt=0)
-    low: float = Field(gt=0)
-    high: float = Field(gt=0)
-
-
-class KernelRate(Part):
-    """Isolated tests a second of one intersector; None where its hits failed their check."""
+    `wrong`: rays whose hit differs from the reference.
+    """
 
     intersector: str
     contraction: Literal["off", "on"]
     wrong: Count
-    tests_per_second: TestRate | None
+    tests_per_second: Interval | None
+
+    @field_validator("tests_per_second")
+    @classmethod
+    def _above_zero(cls, found: Interval | None) -> Interval | None:
+        if found and min(found.median, found.low, found.high) <= 0:
+            raise ValueError("a rate must be above 0")
+        return found
 
     @property
     def key(self) -> tuple:
@@ -82,17 +79,17 @@ class KernelRate(Part):
         return self.intersector, self.contraction
 
 
-class Results(Part):
+class StressResults(Stored):
     """Rows of the suite on one device, and the rates of the same kernels.
 
     `contracts`: whether the compiler contracts a * b + c in each mode.
     """
 
     schema_: int = Field(default=SCHEMA, alias="schema")
-    machine: dict
+    machine: Machine
     contracts: dict[Literal["off", "on"], bool]
     migrated_utc: None = None  # stands in every file of schema 2
-    rows: list[Row]
+    rows: list[StressRow]
     kernel_rates: list[KernelRate] = Field(default_factory=list)
 
 
@@ -103,7 +100,7 @@ class ResultsFile:
     where it holds those of another device.
     """
 
-    def __init__(self, folder: Path, machine: dict, contracts: dict[str, bool]):
+    def __init__(self, folder: Path, machine: Machine, contracts: dict[str, bool]):
         self.file = folder / FILE
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -111,28 +108,28 @@ class ResultsFile:
                 pass
         except OSError as error:
             raise DefrayError(f"cannot write to {folder}: {error.strerror}") from None
-        self.results = read_results(folder) or Results(machine=machine, contracts=contracts, rows=[])
-        there, here = (of.get("device") for of in (self.results.machine, machine))
+        self.results = read_results(folder) or StressResults(machine=machine, contracts=contracts, rows=[])
+        there, here = self.results.machine.device, machine.device
         if there != here:
             raise DefrayError(f"{self.file} holds results of {there}, not of {here}; choose another folder")
         self.results.machine, self.results.contracts = machine, contracts
 
-    def add(self, rows: Sequence[dict] = (), kernel_rates: Sequence[dict] = ()) -> None:
+    def add(self, rows: Sequence[StressRow] = (), kernel_rates: Sequence[KernelRate] = ()) -> None:
         """Put in rows and rates, each in place of an earlier one, and write the file, whole or not at all."""
         results = self.results
-        results.rows = _replaced(results.rows, [Row(**row) for row in rows])
-        results.kernel_rates = _replaced(results.kernel_rates, [KernelRate(**rate) for rate in kernel_rates])
+        results.rows = _replaced(results.rows, rows)
+        results.kernel_rates = _replaced(results.kernel_rates, kernel_rates)
         write_results(self.file, results)
 
 
-def _replaced(old: list, new: list) -> list:
+def _replaced(old: Sequence, new: Sequence) -> list:
     return list(({one.key: one for one in old} | {one.key: one for one in new}).values())
 
 
-def write_results(file: Path, results: Results) -> None:
+def write_results(file: Path, results: StressResults) -> None:
     """Write the file with its digest, whole or not at all; raises DefrayError where it cannot be written."""
     part = file.with_suffix(".part")
-    text = json.dumps(digest.sealed(results.model_dump(mode="json", by_alias=True)), indent=1) + "\n"
+    text = json.dumps(digest.sealed(results.as_json()), indent=1) + "\n"
     try:
         part.write_text(text)
         part.replace(file)
@@ -140,7 +137,7 @@ def write_results(file: Path, results: Results) -> None:
         raise DefrayError(f"cannot write {file}: {error.strerror}") from None
 
 
-def read_results(folder: Path) -> Results | None:
+def read_results(folder: Path) -> StressResults | None:
     """Results in `folder`, None where there are none; raises DefrayError for a file that the suite did not write."""
     file = folder / FILE
     if not file.is_file():
@@ -153,13 +150,4 @@ def read_results(folder: Path) -> Results | None:
         raise DefrayError(f"{file} is no result of the stress suite: not a JSON object")
     digest.check_schema(data, SCHEMA, str(file))
     digest.needs_digest(data, str(file))
-    return as_results(digest.unsealed(data, str(file)), file)
-
-
-def as_results(data: dict, file: Path) -> Results:
-    """`data` as the content of `file`; raises DefrayError for what the suite did not write."""
-    try:
-        return Results(**data)
-    except (TypeError, ValidationError) as error:
-        first = " ".join(str(error).split())[:200]
-        raise DefrayError(f"{file} is no result of the stress suite: {first}") from None
+    return checked(StressResults, digest.unsealed(data, str(file)), f"{file} is no result of the stress suite")

@@ -11,12 +11,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
 from harness.data import CLASSES, MISS, Hits, Rays
 from harness.errors import known
+from harness.records.agreement import Agreement, RelativeError
 from harness.reference.embree_scene import EmbreeScene
 from harness.reference.exact import Measure, measure
 from harness.reference.oracle import Oracle, Truth
@@ -37,37 +37,6 @@ MOST_EXACT = 4096  # disputes of a run that are settled exactly; a run with more
 WORST_BAND = 2.0**40  # stands for any greater distance, a hit on a triangle without area included
 _CHUNK = 1 << 16  # rays compared at once by a thread
 SAME, TIE, T_OFF, WRONG, MISSED, PHANTOM = range(len(CLASSES))
-
-
-@dataclass
-class Agreement:
-    """How a run agrees with its reference (`embree`, `exact` or `none`): rays by class, and the verdict.
-
-    `reference_wrong`: disputes in which exact arithmetic found Embree wrong and the run right. `settled`:
-    rays decided by exact arithmetic. `nonfinite`: rays with a NaN or infinite field. `worst_band_ulp`: how
-    far, in local ulp, the worst wrong, missed or phantom ray is from being right. `t_relative_error`: p50,
-    p99 and max over the rays that hit; None without any. `reason`: one line, empty for a valid run.
-    """
-
-    reference: str
-    rays: int
-    same: int = 0
-    tie: int = 0
-    t_off: int = 0
-    wrong: int = 0
-    missed: int = 0
-    phantom: int = 0
-    reference_wrong: int = 0
-    settled: int = 0
-    nonfinite: int = 0
-    worst_band_ulp: float = 0.0
-    t_relative_error: dict = field(default_factory=lambda: dict.fromkeys(("p50", "p99", "max")))
-    valid: bool = False
-    reason: str = "not checked"
-
-    def to_record(self) -> dict:
-        """Plain JSON types under the fields' names; no NaN, no infinity."""
-        return asdict(self)
 
 
 class _Verdicts:
@@ -123,12 +92,12 @@ class Checker:
 
     def check(self, hits: Hits) -> Agreement:
         """Class every ray of a run. Never raises for bad hits: they make the run invalid."""
-        agreement = Agreement(self.mode, len(self.rays))
+        agreement = Agreement(reference=self.mode, rays=len(self.rays))
         if self.mode == "none":
             return agreement
         fault = _shape_fault(hits, len(self.rays))
         if fault:
-            return replace(agreement, wrong=len(self.rays), reason=fault)
+            return agreement.model_copy(update={"wrong": len(self.rays), "reason": fault})
         verdicts = _Verdicts(len(self.rays))
         reference = self.reference if self.mode == "embree" else None
         rows = [slice(first, first + _CHUNK) for first in range(0, len(self.rays), _CHUNK)]
@@ -332,8 +301,8 @@ def _summary(agreement: Agreement, verdicts: _Verdicts, unsettled: int) -> Agree
     agreement.worst_band_ulp = verdicts.worst_band
     errors = verdicts.relative[(verdicts.classes <= T_OFF) & ~np.isnan(verdicts.relative)]
     if len(errors):
-        values = np.percentile(errors, (50, 99, 100))
-        agreement.t_relative_error = dict(zip(("p50", "p99", "max"), map(float, values), strict=True))
+        p50, p99, largest = map(float, np.percentile(errors, (50, 99, 100)))
+        agreement.t_relative_error = RelativeError(p50=p50, p99=p99, max=largest)
     agreement.reason = "; ".join(_faults(verdicts, unsettled))
     agreement.valid = not agreement.reason
     return agreement

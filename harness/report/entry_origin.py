@@ -17,8 +17,8 @@ import pandas as pd
 from harness.analysis.results import Results
 from harness.errors import DefrayError
 from harness.files import ROOT
-from harness.records.digest import KEY, lines_of
-from harness.records.machines import key_of
+from harness.records.digest import KEY, split_lines
+from harness.records.schema import MachineKey
 from harness.report.entry import Entry, Found
 
 SHARED = ("harness/report/figures/style.py", "harness/analysis/results.py", "harness/stats.py")
@@ -80,36 +80,30 @@ def records_behind(runs: Results, index: dict, ids: list[str]) -> list[dict]:
         rows = index.get(identity, [])
         if not rows:
             raise DefrayError(f"a figure names record {identity}, which is in no file of {runs.folder}")
-        here = [row for row in rows if measured_on(row["machine"], machine)] or rows
+        here = [row for row in rows if machine.holds(row["machine"])] or rows
         latest = {row["geometry"]: row for row in here}
         found += [{key: row[key] for key in ("id", "file", KEY, "commit")} for row in latest.values()]
     return found
-
-
-def measured_on(key: tuple, machine: tuple) -> bool:
-    """Whether a row was measured on this machine: on its device, or, without any device, on its processor."""
-    return key == machine or (key[3] is None and key[:2] == machine[:2])
 
 
 def index_records(folder: Path) -> dict[str, list[dict]]:
     """Every row of the folder's files by id, as they are on file."""
     found: dict[str, list[dict]] = {}
     for path in sorted(folder.glob("*.jsonl")):
-        for line in lines_of(path.read_text(encoding="utf-8")):
+        for line in split_lines(path.read_text(encoding="utf-8")):
             try:
                 row = json.loads(line)
             except ValueError:
                 continue  # a torn last line, which the reader has warned of
             if isinstance(row, dict) and KEY in row:
-                scene = row.get("scene") or {}
-                found.setdefault(row.get("id", ""), []).append(
+                found.setdefault(row["id"], []).append(
                     {
-                        "id": row.get("id", ""),
+                        "id": row["id"],
                         "file": path.name,
                         KEY: row[KEY],
-                        "commit": row.get("commit", ""),
-                        "machine": key_of(row.get("machine") or {}),
-                        "geometry": (scene.get("source"), scene.get("sha256")),
+                        "commit": row["commit"],
+                        "machine": MachineKey.read(row["machine"]),
+                        "geometry": (row["scene"]["source"], row["scene"]["sha256"]),
                     }
                 )
     return found
@@ -153,17 +147,13 @@ def first_line(function: Callable) -> str:
     return (inspect.getdoc(function) or "").split("\n")[0]
 
 
-def machine_key(runs: Results) -> tuple:
+def machine_key(runs: Results) -> MachineKey:
     """The key of the machine of these runs."""
-    rows = [*runs.records, *runs.accuracy]
-    return next(
-        (key_of(row["machine"]) for row in rows if row["machine"].get("device") == runs.device),
-        key_of(rows[0]["machine"]) if rows else (),
-    )
+    return MachineKey.read(machine_facts(runs))
 
 
 def machine_facts(runs: Results) -> dict:
     """The machine as its records have it."""
-    rows = [*runs.records, *runs.accuracy]
-    machines = [row["machine"] for row in rows if key_of(row["machine"]) == machine_key(runs)]
-    return machines[0] if machines else {}
+    machines = [row.machine for row in (*runs.records, *runs.accuracy)]
+    key = next((one.key for one in machines if one.device == runs.device), machines[0].key)
+    return next(one for one in machines if one.key == key).as_json()

@@ -10,18 +10,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from harness.analysis.results import Results, latest, read_published
-from harness.claims import claims_html, judge_all, write_claims
+from harness.analysis.results import Results, read_published
+from harness.claims import judge_all, write_claims
 from harness.errors import DefrayError
 from harness.records.accuracy_row import accuracy_file
-from harness.records.machines import by_machine, key_of, name_of, own_folder, title_of
+from harness.records.machines import by_machine, own_folder
 from harness.records.origin import latest_rows
 from harness.records.precision_row import precision_file
 from harness.records.record_file import RecordFile
-from harness.records.stability_row import read_results
+from harness.records.stability_row import KernelRate, StressRow, read_results
+from harness.report.claims_section import claims_html, page_templates
 from harness.report.contents import contents, find_entry
 from harness.report.entry import Figure
 from harness.report.entry_origin import index_records
@@ -99,14 +99,14 @@ def read_machines(folder: Path) -> list[Results]:
     if not records:
         raise DefrayError(f"no records in {folder / 'records.jsonl'}; run a sweep with --out {folder} first")
     accuracy, precision = (latest_rows(file(folder).read()) for file in (accuracy_file, precision_file))
-    apart = by_machine(latest(records))
+    apart = by_machine(latest_rows(records))
     several = len(apart) > 1
     found = []
     for key, rows in apart.items():
         own = own_folder(folder, key)
-        device = next((row["machine"]["device"] for row in rows if row["machine"].get("device")), "")
+        device = next((row.machine.device for row in rows if row.machine.device), "")
         tests, rates = read_stability(own, device)
-        here = [[row for row in kind if key_of(row["machine"]) == key] for kind in (accuracy, precision)]
+        here = [[row for row in kind if row.machine.key == key] for kind in (accuracy, precision)]
         found.append(
             Results(
                 rows,
@@ -116,8 +116,8 @@ def read_machines(folder: Path) -> list[Results]:
                 *here,
                 tests,
                 rates,
-                machine=title_of(key) if several else "",
-                suffix=f"--{name_of(key)}" if several else "",
+                machine=key.title if several else "",
+                suffix=f"--{key.file_name}" if several else "",
                 own=own,
                 key=key if several else None,
             )
@@ -125,16 +125,15 @@ def read_machines(folder: Path) -> list[Results]:
     return found
 
 
-def read_stability(folder: Path, device: str) -> tuple[list[dict], list[dict]]:
+def read_stability(folder: Path, device: str) -> tuple[list[StressRow], list[KernelRate]]:
     """Rows and rates of the stress suite, of tests whose hits were right; both empty without a file of this device.
 
     Raises DefrayError for a file that `defray stability` did not write.
     """
     found = read_results(folder)
-    if found is None or (found.machine.get("device") or "") != device:
+    if found is None or (found.machine.device or "") != device:
         return [], []
-    rates = [rate.model_dump() for rate in found.kernel_rates if rate.tests_per_second is not None]
-    return [row.model_dump() for row in found.rows], rates
+    return found.rows, [rate for rate in found.kernel_rates if rate.tests_per_second is not None]
 
 
 def page_content(machines: list[Results], entries: list[Written]) -> dict:
@@ -185,12 +184,5 @@ def verdicts(claims: list[dict]) -> Markup:
 
 def render(content: dict) -> str:
     """The page as HTML."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     scripts = chart.scripts() if content["has_charts"] else {}
-    return environment.get_template("page.html.jinja").render(**content, scripts=scripts)
+    return page_templates().get_template("page.html.jinja").render(**content, scripts=scripts)

@@ -55,11 +55,6 @@ def cell_text(row: pd.Series, name: str) -> str:
     interval = (
         ""
         if any(end is None or pd.isna(end) for end in ends) or ends[0] == ends[1]
-        else f" [{digits(ends[0])}, {digits(ends[1])}]"
+        else f" [{three_digits(ends[0])}, {three_digits(ends[1])}]"
     )
-    return digits(value) + interval
-
-
-def digits(value: float) -> str:
-    """Three significant digits with their zeros; zero as it is."""
-    return three_digits(value) if value else "0"
+    return three_digits(value) + interval

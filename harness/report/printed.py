@@ -11,7 +11,7 @@ from pathlib import Path
 
 import typst
 
-from harness.claims.show import claims_rows, counts_text
+from harness.claims.wording import claims_rows, counts_text
 from harness.errors import DefrayError
 from harness.report.text import origin_rows
 from harness.report.write_entry import Written

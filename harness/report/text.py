@@ -6,13 +6,13 @@ import hashlib
 import json
 from pathlib import Path
 
-from harness.analysis.names import as_command, label_of, scene_and_size
+from harness.analysis.names import scene_and_size
 from harness.analysis.results import Results
 from harness.errors import DefrayError
-from harness.records.digest import lines_of
+from harness.records.agreement import why_failed
+from harness.records.digest import split_lines
+from harness.records.run_row import Record
 from harness.spec.run_spec import STAND_IN
-
-DISAGREEMENTS = ("t_off", "wrong", "missed", "phantom", "nonfinite")
 
 
 def summary(runs: Results) -> str:
@@ -48,63 +48,35 @@ def failures(runs: Results) -> list[dict]:
         found.append(
             {
                 "what": what,
-                "reason": reason_of(run["record"].get("agreement") or {}),
-                "command": as_command(run["record"].get("command") or ""),
+                "reason": why_failed(run["record"].agreement),
+                "command": run["record"].command,
                 "kind": "no check" if is_unchecked(run["record"]) else "check failed",
             }
         )
     return found + unfinished_runs(runs)
 
 
-def is_unchecked(record: dict) -> bool:
+def is_unchecked(record: Record) -> bool:
     """Whether nobody compared the run's hits with anything."""
-    return (record.get("agreement") or {}).get("reference") == "none"
-
-
-def reason_of(agreement: dict) -> str:
-    """Why a check failed: as recorded, else the classes of rays that disagree."""
-    if agreement.get("reason"):
-        return agreement["reason"]
-    if agreement.get("reference") == "none":
-        return "not checked against any reference"
-    counts = [f"{agreement[name]:,} {name.replace('_', ' ')}" for name in DISAGREEMENTS if agreement.get(name)]
-    return f"rays that disagree with {agreement.get('reference')}: {', '.join(counts) or 'not recorded'}"
+    return not record.agreement.is_checked
 
 
 def unfinished_runs(runs: Results) -> list[dict]:
-    """Runs that an error stopped and that no later record replaced."""
+    """Runs that an error stopped and that no later record replaced; a damaged line is shown as it stands."""
     path = runs.home / "errors.jsonl"
     if not path.is_file():
         return []
-    measured = {record["id"] for record in runs.records}
+    measured = {record.id for record in runs.records}
     found = {}
-    for line in lines_of(path.read_text(encoding="utf-8")):
+    for line in filter(str.strip, split_lines(path.read_text(encoding="utf-8"))):
         try:
             entry = json.loads(line)
-        except ValueError:
-            entry = {"error": line} if line.strip() else None
-        if isinstance(entry, dict) and entry.get("id") not in measured:
-            what = name_of_error(entry)
-            reason = str(entry.get("error") or entry.get("message") or entry)
-            found[entry.get("id") or what] = {
-                "what": what,
-                "reason": reason,
-                "kind": "error",
-                "command": as_command(entry.get("command") or ""),
-            }
+            identity, what, reason = entry["id"], entry["run"], entry["error"]
+        except (ValueError, KeyError, TypeError):
+            identity, what, reason = line, "a run", line
+        if identity not in measured:
+            found[identity] = {"what": what, "reason": reason, "kind": "error", "command": ""}
     return list(found.values())
-
-
-def name_of_error(entry: dict) -> str:
-    """The run of an error line, as far as the line names it."""
-    if entry.get("run"):
-        return str(entry["run"])
-    spec = entry.get("spec") if isinstance(entry.get("spec"), dict) else {}
-    variant = entry.get("variant") or spec.get("variant") or ""
-    if isinstance(variant, dict):
-        variant = label_of(variant)
-    scene = entry.get("scene") or spec.get("scene") or ""
-    return ", ".join(part for part in (str(scene), str(variant)) if part) or str(entry.get("id", "a run"))
 
 
 def notices(runs: Results) -> list[str]:
@@ -124,16 +96,16 @@ def notices(runs: Results) -> list[str]:
     both = sorted(set(runs.all[runs.all["scene"].str.contains(STAND_IN)]["title"]))
     if both:
         found.append(f"Real geometry and stand-in were both measured, and are both shown: {', '.join(both)}.")
-    if runs.all["record"].map(lambda record: record.get("dirty")).any():
+    if runs.all["record"].map(lambda record: record.dirty).any():
         found.append("Some runs were made from a working tree with uncommitted changes.")
     return found
 
 
 def machine_rows(runs: Results) -> list[tuple[str, str]]:
     """Machine and software, one fact a row: `env.json` over what the records say."""
-    machines = [record["machine"] for record in runs.records]
-    here = next((one for one in machines if (one.get("device") or "") == runs.device), machines[0])
-    return flat({**here, **read_json(runs.home / "env.json")})
+    machines = [record.machine for record in runs.records]
+    here = next((one for one in machines if (one.device or "") == runs.device), machines[0])
+    return flat({**here.as_json(), **read_json(runs.home / "env.json")})
 
 
 def flat(facts: dict, before: str = "") -> list[tuple[str, str]]:
@@ -157,9 +129,9 @@ def flat(facts: dict, before: str = "") -> list[tuple[str, str]]:
 def provenance_rows(runs: Results) -> list[tuple[str, str]]:
     """Where the numbers come from, enough to make them again."""
     sweep = read_json(runs.home / "sweep.json")
-    commits = list(dict.fromkeys(record["commit"] for record in runs.records))
-    dirty = sum(bool(record["dirty"]) for record in runs.records)
-    times = sorted(record["time_utc"] for record in runs.records)
+    commits = list(dict.fromkeys(record.commit for record in runs.records))
+    dirty = sum(record.dirty for record in runs.records)
+    times = sorted(record.time_utc for record in runs.records)
     digest = hashlib.sha256((runs.folder / "records.jsonl").read_bytes()).hexdigest()
     rows = [
         ("commit", ", ".join(commits)),
@@ -169,7 +141,7 @@ def provenance_rows(runs: Results) -> list[tuple[str, str]]:
         ("records.jsonl, SHA-256", digest),
     ]
     rows += [
-        (f"sweep {key}", as_command(value) if key == "command" else str(value))
+        (f"sweep {key}", str(value))
         for key, value in sweep.items()
         if value not in (None, "") and not isinstance(value, dict)
     ]

@@ -7,8 +7,9 @@ import tomllib
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from harness.data import Strict
 from harness.errors import DefrayError, known
 
 SUITE = Path(__file__).with_name("stress_suite.toml")
@@ -25,10 +26,8 @@ METRICS = (
 PER_MILLION = ("leaks", "double_hits", "self_hits", "tunnels")  # limits of these are rates, of the others counts
 
 
-class Family(BaseModel):
+class Family(Strict, frozen=True):
     """One family of inputs; see stress_suite.toml for what the fields mean."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     id: str
     title: str

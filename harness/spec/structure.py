@@ -21,6 +21,7 @@ MOST_ADAPTIVE_TOP = 512  # top cells along the longest axis of an adaptive grid
 ADAPTIVE_LEAF = 16  # leaf cells per axis that a top cell of an adaptive grid has at most, unless said otherwise
 ADAPTIVE_LEAVES = (1, 2, 4, 8, 16, 32, 64, 128)
 MOST_DENSITY = 1000
+GRID_READINGS = ("total", "per-cell", "adaptive")  # how records call the grids; others go by their name
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,13 @@ from harness.data import Hits, Rays
 from harness.device.machine import machine_description
 from harness.errors import DefrayError, known
 from harness.inputs.aimed_rays import AimedRays, aimed_rays, leaked
-from harness.measure.group import scene_facts
+from harness.measure.group import ray_facts, scene_facts
 from harness.measure.scene import Scenes, SharedScene
-from harness.records.accuracy_row import SCHEMA, accuracy_file
-from harness.records.origin import identity, row_facts
+from harness.records.accuracy_row import AccuracyBody, AccuracyRow, AimedCounts, GridPlace, accuracy_file
+from harness.records.agreement import Agreement
+from harness.records.origin import finish, identity
 from harness.records.record_file import RecordFile
-from harness.reference.check import Agreement
+from harness.records.schema import Machine
 from harness.reference.errors_of_t import diagonal_of, distance_rmse, residual_p99
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant
@@ -34,6 +35,7 @@ from harness.tracers.forward import EXITS
 
 PAPER_GRID = Uniform(8, 128)
 SEED = 1  # of both sets of rays
+STORED_OVERLAP = "binning"  # what the overlap test is called in variants' texts of schema 2
 AIMED_BLOCK = 1 << 16  # aimed rays traced before the leaks are counted
 ENOUGH_LEAKS = 1000  # a variant that has let so many through is given no more: its rate is known to 6 %
 
@@ -43,25 +45,31 @@ class Contender:
     """A variant of a tracer and how the grid it walks was filled (None without a grid)."""
 
     variant: Variant
-    binning: str | None
+    overlap: str | None
 
     @classmethod
     def parse(cls, text: str) -> Contender:
-        """Read `deferred:ray-space:contraction=on:binning=open`; raises DefrayError for what is not known."""
+        """Read `deferred:ray-space:contraction=on:overlap=open`; raises DefrayError for what is not known.
+
+        `binning=open`, as rows of schema 2 write the overlap test, says the same.
+        """
         variant = Variant.parse(text)
         options = dict(variant.options)
-        binning = options.pop("binning", None)
+        named = [options.pop(key) for key in ("overlap", STORED_OVERLAP) if key in options]
+        if len(named) > 1:
+            raise DefrayError(f"'{text}' names its overlap test twice; leave {STORED_OVERLAP}={named[1]} out")
+        overlap = named[0] if named else None
         if options.get("contraction") == "off":
             del options["contraction"]
         variant = check_variant(variant.model_copy(update={"options": options}))
-        if binning and not needs_structure(variant):
-            raise DefrayError(f"tracer '{variant.tracer}' uses no grid; leave binning={binning} out")
-        if binning and binning not in OVERLAPS:
-            raise known("binning", binning, OVERLAPS)
-        return cls(variant, (binning or OVERLAPS[0]) if needs_structure(variant) else None)
+        if overlap and not needs_structure(variant):
+            raise DefrayError(f"tracer '{variant.tracer}' walks no structure; leave overlap={overlap} out")
+        if overlap and overlap not in OVERLAPS:
+            raise known("overlap test", overlap, OVERLAPS)
+        return cls(variant, (overlap or OVERLAPS[0]) if needs_structure(variant) else None)
 
     def __str__(self) -> str:
-        named = {"binning": self.binning} if self.binning not in (None, OVERLAPS[0]) else {}
+        named = {STORED_OVERLAP: self.overlap} if self.overlap not in (None, OVERLAPS[0]) else {}
         return str(self.variant.model_copy(update={"options": self.variant.options | named}))
 
     @property
@@ -96,25 +104,25 @@ def stored_structure(spec: StructureSpec) -> dict:
 
 
 def default_contenders(device) -> list[Contender]:
-    """Every intersector in the deferred tracer, contraction off and on; the default one with every other binning, and
-    forward with every binning and exit rule; Embree robust and fast."""
+    """Every intersector in the deferred tracer, contraction off and on; the default one with every other overlap
+    test, and forward with every overlap test and exit rule; Embree robust and fast."""
     usable = [i.name for i in intersectors.INTERSECTORS.values() if device.has_double or not i.needs_double]
     texts = [f"deferred:{name}{contraction}" for name in usable for contraction in ("", ":contraction=on")]
-    texts += [f"deferred:binning={binning}" for binning in OVERLAPS[1:]]
-    texts += [f"forward:binning={binning}:exit={rule}" for binning in OVERLAPS for rule in EXITS]
+    texts += [f"deferred:overlap={overlap}" for overlap in OVERLAPS[1:]]
+    texts += [f"forward:overlap={overlap}:exit={rule}" for overlap in OVERLAPS for rule in EXITS]
     texts += ["embree", "embree:robust=false"]
     return [Contender.parse(text) for text in texts]
 
 
 @dataclass(eq=False)
-class _Entry:
+class _TimedContender:
     """One contender and what it has yielded so far."""
 
     contender: Contender
     tracer: Tracer
     seconds: list[float] = field(default_factory=list)
     hits: Hits | None = None
-    aimed: dict = field(default_factory=dict)
+    aimed: AimedCounts | None = None
     agreement: Agreement | None = None
 
 
@@ -132,9 +140,9 @@ class AccuracyGroup:
         self.aimed = aimed_rays(shared.scene, plan.aimed, SEED, shared.embree)
         self.tell("structures", 0.1)
         self._prepared = {None: shared.prepared}
-        for binning in {contender.binning: None for contender in contenders if contender.binning}:
-            self._prepared[binning] = shared.prepared.with_structure(plan.structure, binning)
-        self.entries = [_Entry(contender, self._open(contender)) for contender in contenders]
+        for overlap in {contender.overlap: None for contender in contenders if contender.overlap}:
+            self._prepared[overlap] = shared.prepared.with_structure(plan.structure, overlap)
+        self.entries = [_TimedContender(contender, self._open(contender)) for contender in contenders]
 
     def tell(self, stage: str, done: float, contender: Contender | None = None) -> None:
         """Report progress; whatever is raised next is this contender's fault, or of all."""
@@ -142,9 +150,9 @@ class AccuracyGroup:
 
     def _open(self, contender: Contender) -> Tracer:
         self.tell("preparing", 0.12, contender)
-        return tracers.open_tracer(self._prepared[contender.binning], contender.variant)
+        return tracers.open_tracer(self._prepared[contender.overlap], contender.variant)
 
-    def trace(self, entry: _Entry, rays: Rays) -> tuple[Hits, float]:
+    def trace(self, entry: _TimedContender, rays: Rays) -> tuple[Hits, float]:
         """Hits and seconds of one repetition."""
         hits, seconds = entry.tracer.timed(rays)
         return hits, seconds["total"]
@@ -163,14 +171,14 @@ class AccuracyGroup:
             entry.hits, seconds = self.trace(entry, self.rays)
             entry.seconds.append(seconds)
 
-    def judge(self, entry: _Entry, done: float) -> None:
+    def judge(self, entry: _TimedContender, done: float) -> None:
         """Count the aimed rays that a contender lets through, and compare its diffuse hits with the reference."""
         self.tell("aimed rays", done, entry.contender)
         entry.aimed = self.leaks_of(entry, self.aimed)
         self.tell("check", done, entry.contender)
         entry.agreement = self.checker.check(entry.hits)
 
-    def leaks_of(self, entry: _Entry, aimed: AimedRays) -> dict:
+    def leaks_of(self, entry: _TimedContender, aimed: AimedRays) -> AimedCounts:
         """The `aimed` part of a row."""
         let_through = np.zeros(0, bool)
         while len(let_through) < len(aimed) and let_through.sum() < ENOUGH_LEAKS:
@@ -178,56 +186,55 @@ class AccuracyGroup:
             hits, _ = self.trace(entry, block.rays)
             let_through = np.append(let_through, leaked(hits))
         at_vertex = aimed.at_vertex[: len(let_through)]
-        return {
-            "rays": len(let_through),
-            "leaks": int(let_through.sum()),
-            "at_vertices": int(at_vertex.sum()),
-            "vertex_leaks": int((let_through & at_vertex).sum()),
-            "seed": SEED,
-        }
+        return AimedCounts(
+            rays=len(let_through),
+            leaks=int(let_through.sum()),
+            at_vertices=int(at_vertex.sum()),
+            vertex_leaks=int((let_through & at_vertex).sum()),
+            seed=SEED,
+        )
 
-    def rows(self) -> Iterator[dict]:
-        """The row of each contender as soon as it is judged, without id, command, time and machine."""
+    def bodies(self) -> Iterator[AccuracyBody]:
+        """What a row says of each contender, as soon as it is judged."""
         scene = self.shared.scene
         reference, diagonal = self.checker.reference_t(), diagonal_of(scene.triangles)
         for place, entry in enumerate(self.entries):
             self.judge(entry, 0.7 + 0.3 * place / len(self.entries))
             contender, variant, count = entry.contender, entry.contender.variant, len(self.rays)
-            yield {
-                "schema": SCHEMA,
-                "scene": scene_facts(scene),
-                "variant": str(contender),
-                "tracer": variant.tracer,
-                "intersector": variant.intersector,
-                "contraction": contender.contraction,
-                "options": variant.options,
-                "grid": stored_structure(self.plan.structure) if contender.binning else None,
-                "binning": contender.binning,
-                "rays": {"kind": self.rays.kind, "count": count, "seed": SEED},
-                "repetitions": self.plan.repetitions,
-                "seconds": entry.seconds,
-                "rate": stats.interval(stats.rates_of(entry.seconds, count)).as_dict(),
-                "aimed": entry.aimed,
-                "t_error": entry.agreement.t_relative_error,
-                "residual_p99_ulp": residual_p99(scene.triangles, self.rays, entry.hits),
-                "distance_rmse": distance_rmse(self.rays, entry.hits.t, reference, diagonal),
-                "agreement": entry.agreement.to_record(),
-                "valid": entry.agreement.valid,
-            }
+            yield AccuracyBody(
+                scene=scene_facts(scene),
+                variant=str(contender),
+                tracer=variant.tracer,
+                intersector=variant.intersector,
+                contraction=contender.contraction,
+                options=variant.options,
+                grid=GridPlace(**self.plan.structure.to_json()) if contender.overlap else None,
+                overlap=contender.overlap,
+                rays=ray_facts(self.rays),
+                repetitions=self.plan.repetitions,
+                seconds=entry.seconds,
+                rate=stats.interval(stats.rates_of(entry.seconds, count)),
+                aimed=entry.aimed,
+                t_error=entry.agreement.t_relative_error,
+                residual_p99_ulp=residual_p99(scene.triangles, self.rays, entry.hits),
+                distance_rmse=distance_rmse(self.rays, entry.hits.t, reference, diagonal),
+                agreement=entry.agreement,
+                valid=entry.agreement.valid,
+            )
 
 
 def measure_accuracy(
     shared: SharedScene, contenders: Sequence[Contender], plan: Plan, device, tell: Tell = lambda *_: None
-) -> Iterator[dict]:
-    """Rate and errors of every contender on one scene, one row each, still without id, command, time and machine.
+) -> Iterator[AccuracyBody]:
+    """Rate and errors of every contender on one scene, the body of a row each.
 
-    All are timed before the first row comes; a row comes as soon as its own errors are known. Raises DefrayError for
+    All are timed before the first comes; one comes as soon as its own errors are known. Raises DefrayError for
     a contender that the device cannot run, a grid that does not fit, or a scene without anything to aim at.
     """
     group = AccuracyGroup(shared, contenders, plan, device, tell)
     group.warm_up()
     group.time()
-    yield from group.rows()
+    yield from group.bodies()
 
 
 def parse_contenders(text: str) -> list[Contender]:
@@ -251,21 +258,22 @@ class AccuracyStudy(Study):
         traced = [(one.variant, plan.rays * (plan.repetitions + 1) + plan.aimed) for one in contenders]
         return [Task(self, scene, scene, tuple(parts), guessed_seconds(scene, traced, plan.rays), plan)]
 
-    def file(self, folder: Path, machine: dict) -> RecordFile:
+    def file(self, folder: Path, machine: Machine) -> RecordFile[AccuracyRow]:
         """`accuracy.jsonl`."""
         return accuracy_file(folder)
 
-    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[AccuracyRow]:
         """The row of each contender."""
         plan, device, ids = task.plan, scenes.device, {str(part.what): part.id for part in task.parts}
         shared = scenes.load(task.scene)
         contenders = [part.what for part in task.parts]
-        for row in measure_accuracy(shared, contenders, plan, device, lambda step: tell(step.of(ids))):
-            yield row | row_facts(machine_description(device)) | {"id": ids[row["variant"]]}
+        for body in measure_accuracy(shared, contenders, plan, device, lambda step: tell(step.of(ids))):
+            yield finish(AccuracyRow, body, machine_description(device), id=ids[body.variant])
 
-    def outcome(self, row: dict) -> str:
+    def outcome(self, row: AccuracyRow) -> str:
         """Rate, leaks and error of t."""
-        aimed, error = row["aimed"], row["t_error"]["p99"]
-        rate = f"{row['rate']['median'] / 1e6:.3g} Mrays/s"
-        leaks = f"{aimed['leaks']:,} of {aimed['rays']:,} aimed rays leak"
-        return f"{rate}, {leaks}" + ("" if error is None else f", t error p99 {error:.1e}")
+        aimed, error = row.aimed, row.t_error.p99
+        leaks = f"{aimed.leaks:,} of {aimed.rays:,} aimed rays leak"
+        return f"{stats.megarays(row.rate.median):.3g} Mrays/s, {leaks}" + (
+            "" if error is None else f", t error p99 {error:.1e}"
+        )

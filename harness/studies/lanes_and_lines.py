@@ -23,11 +23,12 @@ from harness.data import Rays
 from harness.device.machine import machine_description
 from harness.device.runtime import cl
 from harness.errors import DefrayError
-from harness.measure.group import Group, Progress, scene_facts
+from harness.measure.group import Group, Progress, describe_structure, ray_facts, scene_facts
 from harness.measure.scene import Scenes
-from harness.records.coherence_row import SCHEMA, Coherence, coherence_file
-from harness.records.origin import identity, row_facts
+from harness.records.coherence_row import Coherence, CoherenceBody, CoherenceRow, coherence_file
+from harness.records.origin import finish, identity
 from harness.records.record_file import RecordFile
+from harness.records.schema import Machine
 from harness.spec.run_spec import RunSpec
 from harness.studies.study import Part, Step, Study, Task, Tell, guessed_seconds
 from harness.tracers.batch import Batch
@@ -167,7 +168,17 @@ class _Lockstep:
 
 
 def _coherence(model: str, lanes: int, steps: _Lockstep, tests: _Lockstep) -> Coherence:
-    return Coherence(model, lanes, steps.work, steps.trips, steps.uneven, tests.work, tests.trips, tests.uneven)
+    return Coherence(
+        model=model,
+        lanes=lanes,
+        steps=steps.work,
+        step_trips=steps.trips,
+        uneven_step_trips=steps.uneven,
+        tests=tests.work,
+        test_trips=tests.trips,
+        uneven_test_trips=tests.uneven,
+        **dict.fromkeys(("line_trips", "line_tests", "lines_64", "lines_128"), 0),
+    )
 
 
 def _chunks(cell: np.ndarray, pairs: np.ndarray, lists: Lists, lanes: int, steps: _Lockstep) -> Coherence:
@@ -256,8 +267,8 @@ WIDTHS = (8, 32)
 
 def measure_coherence(
     specs: Sequence[RunSpec], wave: int, scenes: Scenes, tell: Callable[[Progress], None] = lambda _: None
-) -> dict:
-    """The row of one scene, still without command, time and machine; `specs`: the forward run and the deferred one.
+) -> CoherenceBody:
+    """What a row says of one scene; `specs`: the forward run and the deferred one.
 
     Raises DefrayError where the sequences do not make the tracers' own counts.
     """
@@ -274,16 +285,15 @@ def measure_coherence(
                 counts.append(forward_coherence(sequences, lists, lanes))
             else:
                 counts += deferred_coherence(sequences, lists, lanes)
-    return {
-        "schema": SCHEMA,
-        "id": id_of(specs[0], wave),
-        "scene": scene_facts(group.shared.scene),
-        "intersector": intersector.name,
-        "wave": wave,
-        "grid": prepared.structure.describe(),
-        "rays": {"kind": group.rays.kind, "count": len(group.rays), "seed": group.rays.seed},
-        "counts": [one.as_dict() for one in counts],
-    }
+    return CoherenceBody(
+        id=id_of(specs[0], wave),
+        scene=scene_facts(group.shared.scene),
+        intersector=intersector.name,
+        wave=wave,
+        grid=describe_structure(prepared.structure),
+        rays=ray_facts(group.rays),
+        counts=counts,
+    )
 
 
 def id_of(forward: RunSpec, wave: int) -> str:
@@ -316,16 +326,16 @@ class CoherenceStudy(Study):
         cost = guessed_seconds(forward.scene, [(spec.variant, 10 * spec.rays) for spec in specs], forward.rays)
         return [Task(self, forward.scene, forward.scene, (part,), cost, wave)]
 
-    def file(self, folder: Path, machine: dict) -> RecordFile:
+    def file(self, folder: Path, machine: Machine) -> RecordFile[CoherenceRow]:
         """`coherence.jsonl`."""
         return coherence_file(folder)
 
-    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[CoherenceRow]:
         """The row of one scene."""
         (part,) = task.parts
-        row = measure_coherence(part.what, task.plan, scenes, lambda step: tell(Step(None, step.stage, step.done)))
-        yield row | row_facts(machine_description(scenes.device))
+        body = measure_coherence(part.what, task.plan, scenes, lambda step: tell(Step(None, step.stage, step.done)))
+        yield finish(CoherenceRow, body, machine_description(scenes.device))
 
-    def outcome(self, row: dict) -> str:
+    def outcome(self, row: CoherenceRow) -> str:
         """How many rays were counted."""
-        return f"{row['rays']['count']:,} rays counted"
+        return f"{row.rays.count:,} rays counted"

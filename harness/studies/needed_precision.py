@@ -15,11 +15,12 @@ from harness.device.stopwatch import Stopwatch
 from harness.inputs.rays import bounce, find_view, image_rays, primary_rays
 from harness.measure.group import scene_facts
 from harness.measure.scene import Scenes, SharedScene
-from harness.records.accuracy_row import SCHEMA
-from harness.records.origin import identity, row_facts
-from harness.records.precision_row import precision_file
+from harness.records.agreement import Agreement
+from harness.records.origin import finish, identity
+from harness.records.precision_row import PrecisionBody, PrecisionRow, precision_file
 from harness.records.record_file import RecordFile
-from harness.reference.check import Agreement, Checker
+from harness.records.schema import Machine
+from harness.reference.check import Checker
 from harness.reference.errors_of_t import diagonal_of, distance_rmse
 from harness.reference.exact import zero_area
 from harness.spec import intersectors
@@ -50,7 +51,7 @@ def half_precision(triangles: np.ndarray) -> np.ndarray:
 
 
 @dataclass(eq=False)
-class _Entry:
+class _KnobValue:
     """One value of a knob, and what it has yielded."""
 
     knob: str
@@ -63,8 +64,8 @@ class _Entry:
 
 def measure_precision(
     shared: SharedScene, rays: int, repetitions: int, device, tell: Tell = lambda *_: None
-) -> Iterator[dict]:
-    """Rows of `precision.jsonl` for one scene, without id, command, time and machine.
+) -> Iterator[PrecisionBody]:
+    """The bodies of the rows of `precision.jsonl` for one scene.
 
     Resolution and precision are measured with `rays` primary rays, all of them timed and compared with the exact t;
     rays a pixel with small images. Raises DefrayError for a grid that does not fit.
@@ -86,12 +87,12 @@ def measure_precision(
     agreements = {id(entry): checker.check(entry.hits) for entry in entries}
     reference, diagonal = checker.reference_t(), diagonal_of(shared.scene.triangles)
     for entry in sorted(entries, key=lambda entry: (entry.knob, entry.value)):
-        found = agreements[id(entry)]
-        yield study.row(entry.knob, entry.value, entry.variant, rays, entry.seconds) | {
-            "error": distance_rmse(primary, entry.hits.t, reference, diagonal),
-            "image_error": image_error if entry.value == "half" else None,
-            "differing": differing(found),
-        }
+        yield study.body(
+            *(entry.knob, entry.value, entry.variant, rays, entry.seconds),
+            error=distance_rmse(primary, entry.hits.t, reference, diagonal),
+            image_error=image_error if entry.value == "half" else None,
+            differing=differing(agreements[id(entry)]),
+        )
     yield from samples
 
 
@@ -111,34 +112,38 @@ class _Study:
         variant = self.variant.model_copy(update={"intersector": intersector or self.variant.intersector})
         return open_tracer(prepared.with_structure(Uniform(8, leaf)), variant)
 
-    def entries(self) -> list[_Entry]:
+    def entries(self) -> list[_KnobValue]:
         """Every value of the knobs `grid` and `precision`."""
         name = str(self.variant)
-        found = [_Entry("grid", f"8/{leaf}", name, self.tracer(self.full, leaf)) for leaf in RESOLUTIONS]
+        found = [_KnobValue("grid", f"8/{leaf}", name, self.tracer(self.full, leaf)) for leaf in RESOLUTIONS]
         found += [
-            _Entry("precision", "half", name, self.tracer(self.half)),
-            _Entry("precision", "float", name, self.tracer(self.full)),
+            _KnobValue("precision", "half", name, self.tracer(self.half)),
+            _KnobValue("precision", "float", name, self.tracer(self.full)),
         ]
         if DOUBLE in intersectors.INTERSECTORS and self.device.has_double:
-            found.append(_Entry("precision", "double", f"deferred:{DOUBLE}", self.tracer(self.full, USUAL, DOUBLE)))
+            found.append(
+                _KnobValue("precision", "double", f"deferred:{DOUBLE}", self.tracer(self.full, USUAL, DOUBLE))
+            )
         self.of_full, self.of_half = found[len(RESOLUTIONS) + 1].tracer, found[len(RESOLUTIONS)].tracer
         return found
 
-    def row(self, knob: str, value: str, variant: str, rays: int, seconds: list[float]) -> dict:
-        """What every row has."""
-        return {
-            "schema": SCHEMA,
-            "scene": scene_facts(self.scene),
-            "knob": knob,
-            "value": value,
-            "variant": variant,
-            "rays": rays,
-            "seconds": seconds,
-            "rate": stats.interval(stats.rates_of(seconds, rays)).as_dict(),
-        }
+    def body(
+        self, knob: str, value: str, variant: str, rays: int, seconds: list[float], **found: float | None
+    ) -> PrecisionBody:
+        """What a row says of one value of a knob; `found`: its errors."""
+        return PrecisionBody(
+            scene=scene_facts(self.scene),
+            knob=knob,
+            value=value,
+            variant=variant,
+            rays=rays,
+            seconds=seconds,
+            rate=stats.interval(stats.rates_of(seconds, rays)),
+            **found,
+        )
 
-    def images(self, tell: Tell) -> tuple[float, list[dict]]:
-        """Error of the image that half precision makes, and the rows of `samples`.
+    def images(self, tell: Tell) -> tuple[float, list[PrecisionBody]]:
+        """Error of the image that half precision makes, and the bodies of `samples`.
 
         Half precision is compared with single at the same directions, so that noise does not count; few rays a
         pixel are compared with many others.
@@ -152,13 +157,13 @@ class _Study:
         many, *_ = self._open_share(self.of_full, rays, full, range(MANY))
         tell(Step(None, "ambient occlusion in half precision", 0.65))
         rough, *_ = self._open_share(self.of_half, rays, half, range(MANY))
-        rows = []
+        bodies = []
         for count in SAMPLES:
             tell(Step(None, f"ambient occlusion, {count} rays a pixel", 0.8))
             few, seconds, differ = self._open_share(self.of_full, rays, full, range(MANY, MANY + count), check=True)
-            row = self.row("samples", str(count), str(self.variant), count * len(rays), [seconds])
-            rows.append(row | {"error": rmse(few, many), "differing": differ})
-        return rmse(rough, many), rows
+            made = ("samples", str(count), str(self.variant), count * len(rays), [seconds])
+            bodies.append(self.body(*made, error=rmse(few, many), differing=differ))
+        return rmse(rough, many), bodies
 
     def _open_share(
         self, tracer: Tracer, primary: Rays, primitive, turns: range, check: bool = False
@@ -200,18 +205,18 @@ class PrecisionStudy(Study):
         traced = [(check_variant(Variant(tracer="deferred")), rays * (repetitions + 1))] * variants
         return [Task(self, part.name, scene, (part,), guessed_seconds(scene, traced, rays), facts)]
 
-    def file(self, folder: Path, machine: dict) -> RecordFile:
+    def file(self, folder: Path, machine: Machine) -> RecordFile[PrecisionRow]:
         """`precision.jsonl`."""
         return precision_file(folder)
 
-    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[PrecisionRow]:
         """Every value of every knob."""
         rays, repetitions, device = task.plan["rays"], task.plan["repetitions"], scenes.device
-        for row in measure_precision(scenes.load(task.scene), rays, repetitions, device, tell):
-            named = {"id": identity(**task.plan, knob=row["knob"], value=row["value"])}
-            yield row | row_facts(machine_description(device)) | named
+        for body in measure_precision(scenes.load(task.scene), rays, repetitions, device, tell):
+            named = identity(**task.plan, knob=body.knob, value=body.value)
+            yield finish(PrecisionRow, body, machine_description(device), id=named)
 
-    def outcome(self, row: dict) -> str:
+    def outcome(self, row: PrecisionRow) -> str:
         """The last row stands for all."""
         return "measured"
 

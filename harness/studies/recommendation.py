@@ -16,10 +16,11 @@ from harness.device.opened import Device, open_device
 from harness.errors import DefrayError
 from harness.inputs.aimed_rays import AimedRays, aimed_rays, leaked
 from harness.measure.scene import Scenes, SharedScene
-from harness.records.accuracy_row import accuracy_file
-from harness.records.origin import latest_rows, source_of
+from harness.records.accuracy_row import AccuracyBody, AccuracyRow, AimedCounts, accuracy_file
+from harness.records.origin import latest_rows
+from harness.records.schema import Machine
 from harness.spec.structure import structure_from_json
-from harness.stats import rate_bound
+from harness.stats import megarays, rate_bound
 from harness.studies.errors_and_leaks import AIMED_BLOCK, SEED, Contender, Plan, default_contenders, measure_accuracy
 
 FOLDERS = ("results/out", "results/reference/*")  # where rows are looked for
@@ -42,18 +43,18 @@ class Limits:
         if self.t_error is not None and not self.t_error > 0:
             raise DefrayError(f"the largest error of t must be above 0, not {self.t_error:g}")
 
-    def t_error_met(self, row: dict) -> bool:
+    def t_error_met(self, row: AccuracyBody) -> bool:
         """Whether the error of t is small enough."""
-        found = row["t_error"]["p99"]
+        found = row.t_error.p99
         return self.t_error is None or (found is not None and found <= self.t_error)
 
-    def leaks_met(self, row: dict) -> bool:
+    def leaks_met(self, row: AccuracyBody) -> bool:
         """Whether the leak rate is shown to be small enough."""
-        return bound_of(row) <= self.leaks
+        return leak_bound(row) <= self.leaks
 
-    def undecided(self, row: dict) -> bool:
+    def undecided(self, row: AccuracyBody) -> bool:
         """Whether more aimed rays could show what these few do not: none has leaked."""
-        return row["aimed"]["leaks"] == 0 and not self.leaks_met(row)
+        return row.aimed.leaks == 0 and not self.leaks_met(row)
 
     @property
     def rays_needed(self) -> int:
@@ -71,19 +72,19 @@ class Advice:
 
     scene: str
     limits: Limits
-    choice: dict | None = None
-    following: dict | None = None
-    refused: list[tuple[dict, str]] = field(default_factory=list)
+    choice: AccuracyBody | None = None
+    following: AccuracyBody | None = None
+    refused: list[tuple[AccuracyBody, str]] = field(default_factory=list)
     meeting: int = 0
     notes: list[str] = field(default_factory=list)
 
 
-def bound_of(row: dict) -> float:
+def leak_bound(row: AccuracyBody) -> float:
     """Upper 95 % bound of a row's leak rate."""
-    return rate_bound(row["aimed"]["leaks"], row["aimed"]["rays"])
+    return rate_bound(row.aimed.leaks, row.aimed.rays)
 
 
-def find_rows(scene: Scene, device, folder: Path | None) -> list[dict]:
+def find_rows(scene: Scene, device, folder: Path | None) -> list[AccuracyRow]:
     """One row a variant of this very scene on this device: from `folder`, else from the first of FOLDERS with any.
 
     They are those of the most diffuse rays, and of a variant that has several the one with the most aimed rays, of
@@ -96,39 +97,40 @@ def find_rows(scene: Scene, device, folder: Path | None) -> list[dict]:
             [
                 row
                 for row in accuracy_file(one).read()
-                if source_of(row["scene"]) == (scene.source, scene.sha256)
-                and measured_here(row, machine, device.is_cpu)
+                if row.scene.geometry == (scene.source, scene.sha256) and measured_here(row, machine, device.is_cpu)
             ]
         )
         if rows:
-            most = max(row["rays"]["count"] for row in rows)
-            rows = sorted((row for row in rows if row["rays"]["count"] == most), key=lambda row: row["aimed"]["rays"])
-            return list({row["variant"]: row for row in rows}.values())
+            most = max(row.rays.count for row in rows)
+            rows = sorted((row for row in rows if row.rays.count == most), key=lambda row: row.aimed.rays)
+            return list({row.variant: row for row in rows}.values())
     return []
 
 
-def measured_here(row: dict, machine: dict, on_cpu: bool) -> bool:
+def measured_here(row: AccuracyRow, machine: Machine, on_cpu: bool) -> bool:
     """Whether a row's rate is one of this machine: of its device, and of its processor where that does the work."""
-    keys = [] if row["tracer"] == "embree" else ["platform", "device"]
-    keys += ["cpu", "cores"] if on_cpu or row["tracer"] == "embree" else []
-    return all(row["machine"].get(key) == machine[key] for key in keys)
+    there, here, is_embree = row.machine.key, machine.key, row.tracer == "embree"
+    same_device = is_embree or (there.platform, there.device) == (here.platform, here.device)
+    same_processor = not (on_cpu or is_embree) or (there.cpu, there.cores) == (here.cpu, here.cores)
+    return same_device and same_processor
 
 
-def advise(scene: str, rows: Sequence[dict], limits: Limits, deepen: Callable[[dict], dict]) -> Advice:
+def advise(
+    scene: str, rows: Sequence[AccuracyBody], limits: Limits, deepen: Callable[[AccuracyBody], AccuracyBody]
+) -> Advice:
     """The fastest of `rows` that meets the limits, and the next.
 
     `deepen(row)` gives the row with enough aimed rays to show the limit; it is asked, fastest first, only of rows
     that have leaked none and are too few.
     """
     advice = Advice(scene, limits)
-    for row in sorted(rows, key=lambda row: -row["rate"]["median"]):
+    for row in sorted(rows, key=lambda row: -row.rate.median):
         if not limits.t_error_met(row):
-            why = f"t error p99 {row['t_error']['p99'] or math.nan:.1e} exceeds {limits.t_error:g}"
+            why = f"t error p99 {row.t_error.p99 or math.nan:.1e} exceeds {limits.t_error:g}"
         else:
             if advice.choice is None and limits.undecided(row):
                 row = deepen(row)
-            aimed = row["aimed"]
-            why = f"{aimed['leaks']:,} of {aimed['rays']:,} aimed rays leak"
+            why = f"{row.aimed.leaks:,} of {row.aimed.rays:,} aimed rays leak"
             if limits.leaks_met(row):
                 advice.meeting += 1
                 if advice.choice is None:
@@ -197,14 +199,14 @@ class Deeper:
         """The scene, loaded at first use."""
         return self._scenes.load(self.scene)
 
-    def __call__(self, row: dict) -> dict:
+    def __call__(self, row: AccuracyBody) -> AccuracyBody:
         """The row with the counts of so many aimed rays, fewer where one leaks."""
-        self._note(f"{row['variant']}: tracing {self.limits.rays_needed:,} aimed rays to show its leak rate")
+        self._note(f"{row.variant}: tracing {self.limits.rays_needed:,} aimed rays to show its leak rate")
         tracer, counts = self._open(row), np.zeros(4, np.int64)
         while counts[0] < self.limits.rays_needed and not counts[1]:
             counts += self._count(tracer, self._piece(int(counts[0]) // PIECE), self.limits.rays_needed - counts[0])
         named = dict(zip(("rays", "leaks", "at_vertices", "vertex_leaks"), map(int, counts), strict=True))
-        return row | {"aimed": named | {"seed": SEED}}
+        return row.model_copy(update={"aimed": AimedCounts(**named, seed=SEED)})
 
     def _piece(self, place: int) -> AimedRays:
         """One million aimed rays, the same for every variant."""
@@ -226,58 +228,56 @@ class Deeper:
                 break
         return counts
 
-    def _open(self, row: dict):
-        contender = Contender.parse(row["variant"])
-        return tracers.open_tracer(self._in_structure(row, contender.binning), contender.variant)
+    def _open(self, row: AccuracyBody):
+        contender = Contender.parse(row.variant)
+        return tracers.open_tracer(self._in_structure(row, contender.overlap), contender.variant)
 
-    def _in_structure(self, row: dict, binning: str | None):
-        if binning is None:
+    def _in_structure(self, row: AccuracyBody, overlap: str | None):
+        if overlap is None:
             return self.shared.prepared
-        spec = structure_from_json(row["grid"])
-        if (spec, binning) not in self._prepared:
-            self._prepared[spec, binning] = self.shared.prepared.with_structure(spec, binning)
-        return self._prepared[spec, binning]
+        spec = structure_from_json(row.grid.as_json())
+        if (spec, overlap) not in self._prepared:
+            self._prepared[spec, overlap] = self.shared.prepared.with_structure(spec, overlap)
+        return self._prepared[spec, overlap]
 
 
-def lines_of(advice: Advice) -> list[str]:
+def advice_lines(advice: Advice) -> list[str]:
     """The advice in a few lines; one line where nothing meets the limits."""
     limits, row = advice.limits, advice.choice
     asked = f"leaks below {limits.leaks:g}"
     asked += "" if limits.t_error is None else f" and t error p99 at most {limits.t_error:g}"
     if row is None:
         return [f"no variant measured on {advice.scene} is shown to have {asked}"]
-    rate, aimed = row["rate"], row["aimed"]
-    machine = (row.get("machine") or {}).get("device")
+    rate, aimed = row.rate, row.aimed
+    machine = row.machine.device if isinstance(row, AccuracyRow) else None
     lines = [
-        f"{advice.scene}: {row['variant']}",
-        f"  {megarays(row)} Mrays/s [{rate['low'] / 1e6:.3g}, {rate['high'] / 1e6:.3g}] with "
-        f"{row['rays']['count']:,} diffuse rays" + (f" on {machine}" if machine else ""),
-        f"  {aimed['leaks']:,} of {aimed['rays']:,} aimed rays leak: below {bound_of(row):.1e} at 95 % confidence; "
-        f"t error p99 {row['t_error']['p99'] or math.nan:.1e}",
+        f"{advice.scene}: {row.variant}",
+        f"  {_rate_text(row)} [{megarays(rate.low):.3g}, {megarays(rate.high):.3g}] with "
+        f"{row.rays.count:,} diffuse rays" + (f" on {machine}" if machine else ""),
+        f"  {aimed.leaks:,} of {aimed.rays:,} aimed rays leak: below {leak_bound(row):.1e} at 95 % confidence; "
+        f"t error p99 {row.t_error.p99 or math.nan:.1e}",
         f"  the fastest of {advice.meeting} that are shown to have {asked}",
     ]
     if advice.following:
         other = advice.following
-        shown = "" if limits.leaks_met(other) else f", shown with {other['aimed']['rays']:,} aimed rays only"
-        lines.append(f"  next: {other['variant']}, {megarays(other)} Mrays/s{shown}")
-    lines += [
-        f"  faster, but: {other['variant']}, {megarays(other)} Mrays/s: {why}" for other, why in advice.refused[:5]
-    ]
+        shown = "" if limits.leaks_met(other) else f", shown with {other.aimed.rays:,} aimed rays only"
+        lines.append(f"  next: {other.variant}, {_rate_text(other)}{shown}")
+    lines += [f"  faster, but: {other.variant}, {_rate_text(other)}: {why}" for other, why in advice.refused[:5]]
     return lines + ([f"  and {len(advice.refused) - 5} more"] if len(advice.refused) > 5 else [])
 
 
-def megarays(row: dict) -> str:
-    """Millions of rays a second, three digits."""
-    return f"{row['rate']['median'] / 1e6:.3g}"
+def _rate_text(row: AccuracyBody) -> str:
+    return f"{megarays(row.rate.median):.3g} Mrays/s"
 
 
 def as_json(advice: Advice) -> dict:
     """The advice as plain JSON types."""
+    refused = [(row.as_json(), why) for row, why in advice.refused]
     return {
         "scene": advice.scene,
         "limits": {"leaks": advice.limits.leaks, "t_error": advice.limits.t_error},
-        "choice": advice.choice,
-        "next": advice.following,
-        "refused": [{"variant": row["variant"], "rate": row["rate"], "why": why} for row, why in advice.refused],
+        "choice": advice.choice and advice.choice.as_json(),
+        "next": advice.following and advice.following.as_json(),
+        "refused": [{"variant": row["variant"], "rate": row["rate"], "why": why} for row, why in refused],
         "notes": advice.notes,
     }

@@ -9,12 +9,14 @@ from pathlib import Path
 from harness.device.machine import machine_description
 from harness.measure.pipeline import run_group
 from harness.measure.scene import Scenes
+from harness.records.agreement import why_failed
 from harness.records.origin import finish
 from harness.records.record_file import RecordFile
+from harness.records.run_row import FILE, Record
+from harness.records.schema import Machine
 from harness.spec.run_spec import RunSpec
+from harness.stats import megarays
 from harness.studies.study import Part, Step, Study, Task, Tell, guessed_seconds
-
-FILE = "records.jsonl"
 
 
 class RunStudy(Study):
@@ -40,11 +42,11 @@ class RunStudy(Study):
             guessed_seconds(first.scene, traced, first.rays),
         )
 
-    def file(self, folder: Path, machine: dict) -> RecordFile:
+    def file(self, folder: Path, machine: Machine) -> RecordFile[Record]:
         """`records.jsonl`."""
-        return RecordFile(folder / FILE)
+        return RecordFile(folder / FILE, Record)
 
-    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[Record]:
         """Records of one group."""
         specs = [part.what for part in task.parts]
         machine = machine_description(scenes.device)
@@ -52,20 +54,20 @@ class RunStudy(Study):
             specs, scenes, lambda step: tell(Step(step.spec.id if step.spec else None, step.stage, step.done))
         ):
             tell(Step(spec.id, "storing", 1.0))  # a record that is not whole is this run's fault
-            yield finish(body, spec, machine)
+            yield finish(Record, body, machine, id=spec.id)
 
-    def passed(self, row: dict) -> bool:
+    def passed(self, row: Record) -> bool:
         """Whether a run did not fail its check; one that asked for none has not failed it."""
-        return row["valid"] or row["agreement"]["reference"] == "none"
+        return not row.failed
 
-    def outcome(self, row: dict) -> str:
+    def outcome(self, row: Record) -> str:
         """Its rate, or why it has none."""
-        if row["agreement"]["reference"] == "none":
+        if not row.agreement.is_checked:
             return "not checked, hence no rate"
-        if not row["valid"]:
-            return f"check failed: {disagreement(row['agreement'])}, no rate"
-        rate = row["rate"]["total"]
-        return f"{rate['median'] / 1e6:.3g} Mrays/s valid" if rate else "valid, no rate"
+        if row.failed:
+            return f"check failed: {why_failed(row.agreement)}, no rate"
+        rate = row.rate.total
+        return f"{megarays(rate.median):.3g} Mrays/s valid" if rate else "valid, no rate"
 
 
 def shuffled_groups(specs: Sequence[RunSpec], seed: int) -> list[list[RunSpec]]:
@@ -100,11 +102,3 @@ def group_name(spec: RunSpec) -> str:
 def run_name(spec: RunSpec) -> str:
     """Scene, grid and variant of a run, for people."""
     return f"{group_name(spec)} {spec.variant}"
-
-
-def disagreement(agreement: dict) -> str:
-    """Why a check failed, with its reference: `3 of 64,000 rays missed (against embree)`."""
-    kinds = ("wrong", "missed", "phantom", "t_off", "nonfinite")
-    counts = [f"{agreement[kind]} {kind.replace('_', '-')}" for kind in kinds if agreement.get(kind)]
-    reason = agreement.get("reason") or ", ".join(counts) or "hits differ"
-    return f"{reason} (against {agreement['reference']})"

@@ -12,7 +12,8 @@ from typing import Any, Protocol
 from harness import tracers
 from harness.inputs.scenes import expected_triangles
 from harness.measure.scene import Scenes
-from harness.records.origin import identity, source_of
+from harness.records.origin import identity
+from harness.records.schema import Machine
 from harness.spec.run_spec import Variant
 
 UNKNOWN_SCENE = 1_000_000  # triangles assumed of a mesh file, which is not counted before it is loaded
@@ -100,7 +101,7 @@ class Study(ABC):
     of_scene: bool = True  # a row stands for its part only as long as the scene has the same triangles
 
     @abstractmethod
-    def file(self, folder: Path, machine: dict) -> Rows:
+    def file(self, folder: Path, machine: Machine) -> Rows:
         """The file of its rows in `folder`; raises DefrayError where rows of `machine` cannot join those it has."""
 
     @abstractmethod
@@ -109,15 +110,15 @@ class Study(ABC):
 
     def id_of(self, row: Any) -> str:
         """The id of the part that a row comes from."""
-        return row["id"]
+        return row.id
 
     def device_of(self, row: Any) -> str | None:
         """The device that a row was measured on; None where its file is of one device anyway."""
-        return row["machine"]["device"]
+        return row.machine.device
 
     def source_of(self, row: Any) -> tuple:
         """What tells the scene of a row from another of its name."""
-        return source_of(row["scene"]) if self.of_scene else ()
+        return row.scene.geometry if self.of_scene else ()
 
     def passed(self, row: Any) -> bool:
         """Whether a row is no failure."""

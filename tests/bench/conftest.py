@@ -5,4 +5,4 @@ from harness.device.opened import open_device
 
 
 def pytest_benchmark_update_machine_info(config, machine_info):
-    machine_info["defray"] = machine_description(open_device())
+    machine_info["defray"] = machine_description(open_device()).as_json()

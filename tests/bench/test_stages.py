@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
 from shapes import icosphere, random_rays
 
@@ -48,4 +46,4 @@ def test_trace(benchmark, ball, tracer, intersector):
     assert (hits.primitive >= 0).mean() > 0.5
     best = min(watches, key=lambda watch: watch.seconds["total"])
     stages = {f"{stage}_ns": 1e9 * seconds / RAYS for stage, seconds in best.seconds.items()}
-    benchmark.extra_info.update(stages, device=ball.device.title, counters=dataclasses.asdict(made.count(rays)))
+    benchmark.extra_info.update(stages, device=ball.device.title, counters=made.count(rays).model_dump())

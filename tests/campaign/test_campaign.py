@@ -3,120 +3,27 @@
 from __future__ import annotations
 
 import json
-import pickle
 import signal
 import subprocess
 import sys
 import textwrap
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import made_up_accuracy
-import made_up_roofline
 import pytest
-from made_up_accuracy import MACHINE
+from made_up_campaign import ELSEWHERE, MACHINE, STUDIES, FakeExecutor, fake_scenes, tasks_of  # noqa: F401  (a fixture)
 from rich.console import Console
-from test_sweep import body_of
 
 from harness.campaign import runner
 from harness.campaign.executors import Local, TaskFailed
 from harness.campaign.plan import interleaved
-from harness.campaign.tasks import coherence_tasks, roofline_tasks
 from harness.errors import DefrayError
-from harness.records.origin import finish
-from harness.spec.intersectors import find
+from harness.records.stability_row import StressRow
 from harness.spec.run_spec import Variant
-from harness.spec.stress_suite import select
-from harness.spec.structure import Uniform
-from harness.studies.errors_and_leaks import AccuracyStudy, Plan, parse_contenders
-from harness.studies.needed_precision import PrecisionStudy
 from harness.studies.runs import RunStudy
-from harness.studies.stability.suite import RATES, StabilityStudy
-from harness.studies.study import Step, Task
-
-SCENES = ("sponza", "conference")
-VARIANTS = "deferred:ray-space,forward:ray-space,embree"
-
-
-def tasks_of(study: str) -> list[Task]:
-    """Two tasks of a study, or more."""
-    variants = [Variant.parse(text) for text in VARIANTS.split(",")]
-    if study == "sweep":
-        return RunStudy().tasks([s for scene in SCENES for s in interleaved(scene, variants, [Uniform()])], 1)
-    if study == "accuracy":
-        contenders = parse_contenders(VARIANTS)
-        return [task for scene in SCENES for task in AccuracyStudy().tasks(scene, contenders, Plan())]
-    if study == "precision":
-        return [task for scene in SCENES for task in PrecisionStudy().tasks(scene, 1000, 2)]
-    if study == "roofline":
-        return roofline_tasks(SCENES)
-    if study == "coherence":
-        return coherence_tasks(SCENES)
-    methods = [find("ray-space"), find("moller-trumbore")]
-    return StabilityStudy({"off": False, "on": True}).tasks(methods, select("W"), "smoke", True)
-
-
-def rows_of(task: Task) -> list[dict]:
-    """A made-up row for each part."""
-    return [_row(task, part) for part in task.parts]
-
-
-def _row(task: Task, part) -> dict:
-    if task.study.name == "sweep":
-        return finish(body_of(part.what), part.what, dict(MACHINE))
-    if task.study.name == "stability":
-        made = made_up_accuracy.stability(("W1",))
-        named = dict(zip(("intersector", "contraction"), part.what, strict=True))
-        return (
-            made["kernel_rates"][0] | named if task.name == RATES else made["rows"][0] | named | {"family": task.name}
-        )
-    row = {
-        "accuracy": lambda: made_up_accuracy.accuracy_row(task.scene, str(part.what)),
-        "precision": lambda: made_up_accuracy.precision_row(task.scene, "samples", "64", 0.3, 0.1),
-        "roofline": lambda: made_up_roofline.roofline_row(task.scene, "deferred"),
-        "coherence": lambda: made_up_roofline.coherence_row(task.scene),
-    }[task.study.name]()
-    return row | {"id": part.id}
-
-
-class FakeExecutor:
-    """Gives made-up rows, as an executor in another process would: whatever goes there and back is pickled."""
-
-    def __init__(self, failing: str = "", blind: bool = False, wait: float = 0.0):
-        self.machine = dict(MACHINE)
-        self.failing, self.blind, self.wait = failing, blind, wait
-        self.asked: list[str] = []
-
-    def environment(self) -> dict:
-        """Of the machine."""
-        return dict(MACHINE)
-
-    def submit(self, task, tell=lambda _: None):
-        """The rows of a task; one whose name has `failing` in it is made to fail, with nobody to blame if `blind`."""
-        task = pickle.loads(pickle.dumps(task))
-        self.asked.append(task.id)
-        for part, row in zip(task.parts, rows_of(task), strict=True):
-            tell(Step(part.id, "measuring", 0.5))
-            if self.failing and self.failing in part.name:
-                raise pickle.loads(pickle.dumps(TaskFailed("made to fail", None if self.blind else part.id)))
-            time.sleep(self.wait)
-            yield pickle.loads(pickle.dumps(row))
-
-
-STUDIES = ("sweep", "accuracy", "precision", "roofline", "coherence", "stability")
-
-
-@pytest.fixture(autouse=True)
-def scenes(monkeypatch):
-    """Scenes that need not be loaded to be told apart."""
-    known = {"sha256": "ab" * 32}
-
-    def load_scene(name: str) -> SimpleNamespace:
-        return SimpleNamespace(source=made_up_accuracy.common(name, "", 1)["scene"]["source"], **known)
-
-    monkeypatch.setattr(runner, "load_scene", load_scene)
-    return known
+from harness.studies.stability.suite import StabilityStudy
+from harness.studies.study import Step
 
 
 def carried_out(study: str, out: Path, executor=None, resume: bool = True):
@@ -218,7 +125,7 @@ def test_rows_of_another_device_or_geometry_do_not_stand(tmp_path, study, scenes
     out = tmp_path / "out"
     carried_out(study, out)
     elsewhere = FakeExecutor()
-    elsewhere.machine = dict(MACHINE) | {"device": "another"}
+    elsewhere.machine = ELSEWHERE
     carried_out(study, out, elsewhere)
     assert len(elsewhere.asked) == 2
     scenes["sha256"] = "cd" * 32
@@ -230,7 +137,7 @@ def test_rows_of_another_device_or_geometry_do_not_stand(tmp_path, study, scenes
 def test_results_of_another_device_are_no_suite_to_add_to(tmp_path):
     carried_out("stability", tmp_path / "out")
     elsewhere = FakeExecutor()
-    elsewhere.machine = dict(MACHINE) | {"device": "another"}
+    elsewhere.machine = ELSEWHERE
     with pytest.raises(DefrayError, match="holds results of"):
         carried_out("stability", tmp_path / "out", elsewhere)
 
@@ -262,7 +169,7 @@ SLOW = """
     sys.path[:0] = {paths!r}
     from pathlib import Path
     from types import SimpleNamespace
-    from test_campaign import FakeExecutor, runner, tasks_of
+    from made_up_campaign import FakeExecutor, runner, tasks_of
 
     runner.load_scene = lambda name: SimpleNamespace(source="real", sha256="ab" * 32)
     sys.exit(runner.run(tasks_of({study!r}), FakeExecutor(wait=0.2), Path({out!r}), True, "the same command").code)
@@ -322,10 +229,10 @@ def test_stopping_says_how_to_go_on(tmp_path, number, code):
     ],
 )
 def test_a_broken_promise_of_an_intersector_is_a_failure(name, family, leaks, kept):
-    row = made_up_accuracy.stability((family,))["rows"][0]
+    row = StressRow.model_validate(made_up_accuracy.stability((family,))["rows"][0] | {"intersector": name})
     study = StabilityStudy()
-    assert study.passed(row | {"intersector": name})
-    failed = row | {"intersector": name, "passed": False, "leaks": leaks}
+    assert study.passed(row)
+    failed = row.model_copy(update={"passed": False, "leaks": leaks})
     assert study.passed(failed) is kept and (study.outcome(failed) is None) is kept
 
 
@@ -333,7 +240,7 @@ def test_a_row_that_is_not_valid_is_stored_and_fails(tmp_path):
     class Wrong(FakeExecutor):
         def submit(self, task, tell=lambda _: None):
             for row in super().submit(task, tell):
-                yield row | {"valid": False, "seconds": [], "kernels": []}
+                yield row.model_copy(update={"valid": False, "seconds": [], "kernels": []})
 
     found, printed = carried_out("roofline", tmp_path / "out", Wrong())
     assert found.code == 1 and found.bad == len(found.rows) == len(wanted("roofline"))

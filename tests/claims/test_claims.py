@@ -9,12 +9,14 @@ from made_up_claims import BASE, OURS, RATIO, SCENES, TRIANGLES, record, speedup
 
 from harness.claims.judge import verdict_of
 from harness.claims.outcome import Bound, Outcome, every, most, some
-from harness.claims.rules.source import Rule as SourceRule
-from harness.claims.rules.source import operations
+from harness.claims.rules.source_rule import Rule as SourceRule
+from harness.claims.rules.source_rule import operations
 from harness.errors import DefrayError
-from harness.records.coherence_row import SCHEMA
 from harness.records.digest import sealed
+from harness.records.schema import SCHEMA
+from harness.records.stability_row import KernelRate
 from harness.spec.intersectors import KERNELS, find
+from harness.stats import Interval
 
 TWICE = RATIO | {"full": {"at_least": 2, "on": "all"}, "shape": {"above": 1, "on": "all"}}
 PEAK = RATIO | {"full": {"at_least": 20, "on": "any"}, "shape": {"at_least": 1, "on": "all"}}
@@ -68,7 +70,8 @@ def test_no_records_is_not_attempted_with_the_reason():
 def test_runs_that_failed_their_check_are_no_evidence_and_named():
     records = speedups((3, 3, 3, 3, 3))
     for one in records:
-        one["valid"] = one["tracer"] != "deferred"
+        if one["tracer"] == "deferred":
+            one |= {"valid": False, "rate": dict.fromkeys(("traverse", "intersect", "total"))}
     judged = verdict(TWICE, records)
     assert judged.verdict == "not attempted" and f"{OURS} failed its check" in judged.reason
 
@@ -305,21 +308,11 @@ def test_each_verdict_of_two_kernels(rate, expected):
         "full": {"at_least": 2},
         "shape": {"above": 1},
     }
+    made = {"moller-trumbore": (1.0, 1.0, 1.0)} | ({"ray-space": rate} if rate else {})
     rates = [
-        {
-            "intersector": "moller-trumbore",
-            "contraction": "on",
-            "tests_per_second": dict.fromkeys(("median", "low", "high"), 1.0),
-        }
+        KernelRate(intersector=name, contraction="on", wrong=0, tests_per_second=Interval(*found))
+        for name, found in made.items()
     ]
-    if rate:
-        rates.append(
-            {
-                "intersector": "ray-space",
-                "contraction": "on",
-                "tests_per_second": dict(zip(("median", "low", "high"), rate, strict=True)),
-            }
-        )
     judged = verdict(rule, [], kernel_rates=rates)
     assert judged.verdict == expected
     assert expected != "not attempted" or "defray stability" in judged.reason

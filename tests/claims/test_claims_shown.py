@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import subprocess
+from dataclasses import replace
 
 import pytest
-from made_up_claims import SCENES, speedups
+from made_up_claims import SCENES, results, speedups
 
-from harness.analysis.results import Results, read_published
-from harness.claims import claims_html, claims_table, history, judge_all, read_claims, write_claims
+from harness.claims import history, judge_all, read_claims, write_claims
 from harness.claims.judge import VERDICTS
 from harness.claims.model import FILE
 from harness.claims.rules import rule_types
+from harness.commands.claims import claims_table
 from harness.errors import DefrayError
+from harness.report.claims_section import claims_html
 
 
 def test_the_papers_claims_use_every_type_of_rule_and_all_get_a_verdict():
@@ -21,7 +23,7 @@ def test_the_papers_claims_use_every_type_of_rule_and_all_get_a_verdict():
     assert scenes == SCENES and len(claims) >= 20
     used = {rule.type for claim in claims for rule in claim.rule}
     assert used == {kind.model_fields["type"].annotation.__args__[0] for kind in rule_types()}
-    judged = judge_all(Results(speedups((3, 4, 5, 6, 7)), FILE.parent, "a device", read_published()))
+    judged = judge_all(results(speedups((3, 4, 5, 6, 7))))
     assert all(one.verdict in VERDICTS for one in judged)
     assert all(one.reason for one in judged if one.verdict == "not attempted")
 
@@ -46,13 +48,9 @@ def test_a_wrong_file_is_one_clear_line(tmp_path, change, message):
 
 
 def test_verdicts_are_written_and_shown(tmp_path):
-    runs = Results(speedups((3, 4, 5, 6, 7)), tmp_path, "a <device>", read_published())
-    runs = Results(
-        [one | {"machine": {"device": "a <device>"}} for one in runs.records],
-        tmp_path,
-        "a <device>",
-        read_published(),
-    )
+    made = speedups((3, 4, 5, 6, 7))
+    made = [one | {"machine": one["machine"] | {"device": "a <device>"}} for one in made]
+    runs = replace(results(made, tmp_path), device="a <device>")
     judged = judge_all(runs)
     write_claims(judged, runs, tmp_path / "claims.json")
     stored = json.loads((tmp_path / "claims.json").read_text(encoding="utf-8"))

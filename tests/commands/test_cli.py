@@ -7,13 +7,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from made_up_record import MACHINE, make_record
+from made_up_record import MACHINE, typed
 from made_up_sweep import TIER, body_of, fake_run_group, install_fakes
 
 from harness.commands import main as cli
 from harness.commands import options
 from harness.errors import DefrayError
 from harness.records.record_file import RecordFile
+from harness.records.schema import Machine
 
 ROOT = Path(__file__).resolve().parents[2]
 NO_DEVICE = ("device", "platform", "driver")  # of a machine without OpenCL
@@ -110,7 +111,7 @@ def test_compare_ratio_is_of_rates_not_times(defray):
         for spec in specs:
             body = body_of(spec)
             slow = 4 if spec.variant.tracer == "forward" else 1
-            body["samples"]["total"] = [slow * second for second in (0.1, 0.2, 0.15, 0.12, 0.11)]
+            body.samples.total = [slow * second for second in (0.1, 0.2, 0.15, 0.12, 0.11)]
             yield spec, body
 
     code, out, _ = defray("compare", "deferred", "forward", "--json", pipeline=forward_is_slower)
@@ -169,8 +170,8 @@ def test_sweep_and_report(defray, tmp_path, monkeypatch):
 
 
 def test_views_are_of_the_files_that_were_measured(defray, tmp_path, monkeypatch):
-    record = make_record(view="inside")
-    record["scene"]["name"], record["spec"]["scene"] = "bunny", "meshes/bunny.ply"
+    record = typed(view="inside")
+    record.scene.name, record.spec["scene"] = "bunny", "meshes/bunny.ply"
     RecordFile(tmp_path / "records.jsonl").append(record)
     drawn = {}
     monkeypatch.setattr(
@@ -266,9 +267,7 @@ def test_red_only_on_a_terminal(monkeypatch, capsys):
 def unchecked_run_group(specs, device, report=None):
     """Runs that nobody asked to check."""
     for spec in specs:
-        body = body_of(spec, valid=False)
-        body["agreement"]["reference"] = "none"
-        yield spec, body
+        yield spec, body_of(spec, valid=False, reference="none")
 
 
 def test_a_run_that_asked_for_no_check_has_no_rate_and_has_not_failed(defray):
@@ -283,7 +282,7 @@ def test_embree_needs_no_device(defray, monkeypatch):
 
     monkeypatch.setattr("harness.commands.measuring.open_device", no_device)
     monkeypatch.setattr(
-        "harness.commands.measuring.machine_description", lambda device: MACHINE | dict.fromkeys(NO_DEVICE)
+        "harness.commands.measuring.machine_description", lambda _: Machine(**MACHINE | dict.fromkeys(NO_DEVICE))
     )
     code, out, _ = defray("trace", "sponza", "--tracer", "embree")
     assert code == 0 and "a cpu" in out and "None" not in out

@@ -6,9 +6,8 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-import test_campaign
 import typer
-from test_campaign import FakeExecutor, scenes  # noqa: F401  (a fixture)
+from made_up_campaign import STUDIES, FakeExecutor, fake_scenes  # noqa: F401  (a fixture)
 
 from harness.campaign import reproduction
 from harness.campaign.plan import expand
@@ -152,5 +151,5 @@ def test_the_projects_own_tiers_can_be_measured(tier):
 
 
 def test_fakes_stand_for_all_six_studies():
-    assert {"sweep", "accuracy", "precision", "stability", "coherence", "roofline"} == set(test_campaign.STUDIES)
-    assert set(reproduction.PARTS) == set(test_campaign.STUDIES)
+    assert {"sweep", "accuracy", "precision", "stability", "coherence", "roofline"} == set(STUDIES)
+    assert set(reproduction.PARTS) == set(STUDIES)

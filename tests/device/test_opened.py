@@ -75,13 +75,13 @@ def test_environment_chooses_the_device(device, monkeypatch):
 
 def test_machine_description_is_complete(device):
     description = machine_description(device)
-    assert description["device"] == device.name
-    assert description["driver"] == device.driver
-    assert description["cores"] >= 1
-    assert description["versions"]["pyopencl"]
-    assert description["environment"]["PYOPENCL_NO_CACHE"]
-    assert sys.prefix not in json.dumps(description)
-    assert machine_description(None)["device"] is None
+    assert description.device == device.name
+    assert description.driver == device.driver
+    assert description.cores >= 1
+    assert description.versions["pyopencl"]
+    assert description.environment["PYOPENCL_NO_CACHE"]
+    assert sys.prefix not in json.dumps(description.as_json())
+    assert machine_description(None).device is None
 
 
 @needs_hidden_devices

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.records.accuracy_row import SCHEMA, accuracy_file
+from harness.records.accuracy_row import AccuracyRow, accuracy_file
 from harness.records.digest import sealed
-from harness.records.precision_row import precision_file
-from harness.records.stability_row import SCHEMA as SUITE_SCHEMA
+from harness.records.precision_row import PrecisionRow, precision_file
+from harness.records.schema import SCHEMA, Row, checked
+from harness.records.stability_row import StressResults
 from harness.stats import interval, rates_of
 
 DEVICE = "pthread-test AVX-512 device"
@@ -56,6 +57,16 @@ def common(scene: str, name: str, triangles: int) -> dict:
     }
 
 
+def as_row(kind: type[Row], made: dict) -> Row:
+    """A made-up JSON object as a row of its class, which says what is wrong with it."""
+    return checked(kind, made, "a made-up row")
+
+
+def as_results(made: dict) -> StressResults:
+    """A made-up stability.json as the suite's results."""
+    return checked(StressResults, made, "a made-up stability.json")
+
+
 def times(rate: float, rays: int, seed: int) -> dict:
     noise = np.random.default_rng(seed).lognormal(0, 0.01, 5)
     seconds = [float(rays / (rate * 1e6) * factor) for factor in noise]
@@ -79,8 +90,13 @@ def accuracy_row(
         "wrong": 0,
         "missed": 0,
         "phantom": 0,
-        "t_relative_error": None,
+        "reference_wrong": 0,
+        "settled": 0,
+        "nonfinite": 0,
+        "worst_band_ulp": 0.0,
+        "t_relative_error": {"p50": error / 9, "p99": error, "max": error * 9},
         "valid": True,
+        "reason": "",
     }
     embree = tracer == "embree"
     return (
@@ -179,7 +195,7 @@ def stability(families=("W1", "W2", "A1", "A2", "A3", "D1")) -> dict:
                 }
             )
     return {
-        "schema": SUITE_SCHEMA,
+        "schema": SCHEMA,
         "machine": MACHINE,
         "contracts": {"off": False, "on": True},
         "rows": rows,
@@ -191,7 +207,7 @@ def write_accuracy(folder: Path, scenes=("sponza", "hairball")) -> None:
     """accuracy.jsonl, precision.jsonl and stability.json, as `defray accuracy` and `defray stability` leave them."""
     for scene in scenes:
         for variant in VARIANTS:
-            accuracy_file(folder).append(accuracy_row(scene, variant))
+            accuracy_file(folder).append(as_row(AccuracyRow, accuracy_row(scene, variant)))
         for row in precision_rows(scene):
-            precision_file(folder).append(row)
+            precision_file(folder).append(as_row(PrecisionRow, row))
     (folder / "stability.json").write_text(json.dumps(sealed(stability())), encoding="utf-8")

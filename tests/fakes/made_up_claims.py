@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from made_up_accuracy import MACHINE
+from made_up_report import agreement, as_records
+
 from harness.analysis.results import Results, read_published
 from harness.claims import Claim
 from harness.claims.judge import judge
 from harness.claims.model import FILE
-from harness.claims.rules import Evidence
+from harness.claims.operands import Evidence
+from harness.data import Counters
+from harness.records.schema import SCHEMA
 
 SCENES = ("sponza", "conference", "hairball", "crown", "san-miguel")
 TRIANGLES = dict(zip(SCENES, (279_162, 331_179, 2_880_000, 3_532_946, 9_384_653), strict=True))
@@ -39,18 +46,26 @@ def record(
         name: times if name in (stage, "total") else []
         for name in ("traverse", "arrange", "intersect", "compact", "total")
     }
-    rate = {"median": 1.0, "low": 1.0, "high": 1.0}
+    rate = {"median": 1.0, "low": 1.0, "high": 1.0} if valid else None
     return {
-        "id": f"{variant} {scene} {grid} {rays}", "valid": valid, "command": "defray sweep",
-        "machine": {"device": "a device"}, "time_utc": "2026-01-01T00:00:00Z", "view": "front",
+        "schema": SCHEMA, "id": f"{variant} {scene} {grid} {rays}", "valid": valid, "command": "defray sweep",
+        "commit": "0" * 40, "dirty": False, "machine": MACHINE | {"device": "a device"},
+        "time_utc": "2026-01-01T00:00:00Z", "view": "front",
         "scene": {"name": scene, "source": "stand-in" if scene == "hairball" else "real", "sha256": "",
                   "triangles": triangles or TRIANGLES[scene]},
-        "rays": {"kind": "diffuse", "count": rays, "seed": 1}, "tracer": tracer, "intersector": intersector,
-        "options": dict(option.split("=") for option in options), "repetitions": len(times),
+        "rays": {"kind": "diffuse", "count": rays, "seed": 1}, "tracer": tracer, "intersector": intersector or None,
+        "options": dict(option.split("=") for option in options), "repetitions": len(times), "spec": {},
         "rate": {"traverse": None, "intersect": rate, "total": rate}, "samples": samples,
-        "counters": {"tests": 100, "pairs": 50, **counters},
-        "grid": {"top": top, "leaf": leaf, "reading": reading, "bytes": 9},
+        "counters": Counters(tests=100, pairs=50).model_dump() | counters,
+        "agreement": agreement(rays, int(not valid)),
+        "grid": {"top": top, "leaf": leaf, "reading": reading, "cells": 9, "nonempty": 9, "references": 9,
+                 "bytes": 9, "build_seconds": 1.0},
     }  # fmt: skip
+
+
+def results(records: list[dict], folder: Path = FILE.parent, **fields) -> Results:
+    """Results of made-up records."""
+    return Results(as_records(records), folder, "a device", read_published(), **fields)
 
 
 def verdict(rules, records, **fields):
@@ -71,8 +86,7 @@ def verdict(rules, records, **fields):
     )
     folder = fields.pop("folder", FILE.parent)
     records = records or [record("brute:ray-space", "sponza", 1.0)]
-    runs = Results(records, folder, "a device", read_published(), **fields)
-    return judge(claim, Evidence(runs, SCENES))
+    return judge(claim, Evidence(results(records, folder, **fields), SCENES))
 
 
 def speedups(factors) -> list[dict]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from harness.records import record_file as record_module
+from harness.records.run_row import Record
+from harness.records.schema import SCHEMA, checked
 from harness.spec.run_spec import RunSpec, Variant
 from harness.spec.structure import Uniform
 
@@ -20,10 +21,10 @@ RATE = {"median": 1e6, "low": 9e5, "high": 1.1e6}
 
 
 def make_record(identity: str = "0" * 16, **changes) -> dict:
-    """A record that validates."""
+    """A record, as JSON has it, that validates."""
     spec = RunSpec(scene="sponza", variant=Variant.parse("deferred:ray-space"), structure=Uniform())
     whole = {
-        "schema": record_module.SCHEMA,
+        "schema": SCHEMA,
         "id": identity,
         "time_utc": "2030-01-01T00:00:00Z",
         "command": "defray trace sponza",
@@ -81,7 +82,19 @@ def make_body() -> dict:
             "wrong": 0,
             "missed": 0,
             "phantom": 0,
+            "reference_wrong": 0,
+            "settled": 0,
+            "nonfinite": 0,
+            "worst_band_ulp": 0.0,
+            "rays": 1000,
+            "valid": True,
+            "reason": "",
             "t_relative_error": {"p50": 0.0, "p99": 0.0, "max": 0.0},
         },
         "valid": True,
     }
+
+
+def typed(*arguments, **changes) -> Record:
+    """`make_record` as a record."""
+    return checked(Record, make_record(*arguments, **changes), "here")

@@ -14,8 +14,9 @@ from made_up_accuracy import write_accuracy
 from made_up_roofline import write_roofline
 
 from harness.data import Samples
-from harness.records import run_row as record_schema
 from harness.records.digest import sealed
+from harness.records.run_row import Record
+from harness.records.schema import SCHEMA, checked
 from harness.report.page import write_report
 from harness.stats import rates
 
@@ -35,8 +36,8 @@ SMOKE = ("sponza", "hairball")
 
 
 def agreement(rays: int, wrong: int = 0) -> dict:
-    """Agreement with the keys that this version of the record declares."""
-    full = {
+    """An agreement in which so many rays are wrong."""
+    return {
         "reference": "embree",
         "rays": rays,
         "same": rays - 120 - wrong,
@@ -53,7 +54,6 @@ def agreement(rays: int, wrong: int = 0) -> dict:
         "valid": wrong == 0,
         "reason": f"{wrong} rays hit a wrong primitive" if wrong else "",
     }
-    return {key: value for key, value in full.items() if key in record_schema.Agreement.model_fields}
 
 
 def one_record(
@@ -71,10 +71,11 @@ def one_record(
     samples["total"] = seconds.get("total") or [
         float(sum(part) * 1.06) for part in zip(*filter(None, samples.values()), strict=True)
     ]
-    rate = rates(Samples(**samples), rays, valid=wrong == 0)
+    rated = rates(Samples(**samples), rays, valid=wrong == 0)
+    rate = {stage: found and found.as_dict() for stage, found in rated.items()}
     cells = (grid[1] * (grid[0] if grid[2] == "per-cell" else 1)) ** 3 // 20 if grid else 0
     return {
-        "schema": record_schema.SCHEMA,
+        "schema": SCHEMA,
         "id": identity,
         "time_utc": "2026-01-02T03:04:05Z",
         "command": f"defray trace {scene} --tracer {tracer}",
@@ -225,6 +226,11 @@ def ray_count_records(scene: str) -> list[dict]:
             )
         )
     return found
+
+
+def as_records(made: list[dict]) -> list[Record]:
+    """Made-up JSON objects as records, whose class says what is wrong with them."""
+    return [checked(Record, one, "a made-up record") for one in made]
 
 
 def make_folder(folder, records: list[dict], views=()) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from made_up_accuracy import common
+from made_up_accuracy import as_row, common
 
-from harness.records.coherence_row import coherence_file
-from harness.records.roofline_row import roofline_file
+from harness.records.coherence_row import CoherenceRow, coherence_file
+from harness.records.roofline_row import RooflineRow, roofline_file
 
 GRID = {
     "top": 8,
@@ -60,9 +60,11 @@ def roofline_row(scene: str, tracer: str) -> dict:
         "reference": "embree",
         "rays": RAYS["count"],
         "same": RAYS["count"],
-        "t_relative_error": None,
+        "worst_band_ulp": 0.0,
+        "t_relative_error": dict.fromkeys(("p50", "p99", "max")),
         "valid": True,
-        **dict.fromkeys(("tie", "t_off", "wrong", "missed", "phantom"), 0),
+        "reason": "",
+        **dict.fromkeys(("tie", "t_off", "wrong", "missed", "phantom", "reference_wrong", "settled", "nonfinite"), 0),
     }
     counters = {
         "steps": 9,
@@ -124,5 +126,5 @@ def write_roofline(folder: Path, scenes=("sponza", "hairball")) -> None:
     """Both files, as `defray roofline` and `defray coherence` leave them."""
     for scene in scenes:
         for tracer in KERNELS:
-            roofline_file(folder).append(roofline_row(scene, tracer))
-        coherence_file(folder).append(coherence_row(scene))
+            roofline_file(folder).append(as_row(RooflineRow, roofline_row(scene, tracer)))
+        coherence_file(folder).append(as_row(CoherenceRow, coherence_row(scene)))

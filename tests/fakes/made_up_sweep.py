@@ -9,6 +9,8 @@ from rich.console import Console
 
 from harness.campaign import sweeps as sweep
 from harness.records.record_file import RecordFile
+from harness.records.run_row import RunBody
+from harness.records.schema import Machine
 from harness.spec.run_spec import RunSpec
 
 TIER = """
@@ -24,16 +26,18 @@ repetitions = 2
 """
 
 
-def body_of(spec: RunSpec, valid: bool = True) -> dict:
+def body_of(spec: RunSpec, valid: bool = True, reference: str = "embree") -> RunBody:
     """What the pipeline would yield for `spec`."""
     body, variant = make_body(), spec.variant
+    body |= {"view": spec.view, "repetitions": spec.repetitions, "spec": spec.model_dump(mode="json")}
+    body["agreement"] |= {"reference": reference}
     body |= {"tracer": variant.tracer, "intersector": variant.intersector, "options": variant.options}
     body["scene"]["name"] = spec.scene
     body["samples"]["total"] = [0.1] * spec.repetitions
     if not valid:
         body |= {"valid": False, "rate": {"traverse": None, "intersect": None, "total": None}}
-        body["agreement"]["missed"] = 3
-    return body
+        body["agreement"] |= {"missed": 3, "valid": False}
+    return RunBody.model_validate(body)
 
 
 def fake_run_group(specs, scenes, report=None):
@@ -52,9 +56,9 @@ def install_fakes(monkeypatch, run_group=fake_run_group) -> None:
         "commands.reproduce.open_device": lambda part: None,
         "commands.measuring.open_device": lambda part: None,
         "commands.views.open_device": lambda part: None,
-        "campaign.executors.machine_description": lambda device: dict(MACHINE),
-        "studies.runs.machine_description": lambda device: dict(MACHINE),
-        "commands.measuring.machine_description": lambda device: dict(MACHINE),
+        "campaign.executors.machine_description": lambda device: Machine(**MACHINE),
+        "studies.runs.machine_description": lambda device: Machine(**MACHINE),
+        "commands.measuring.machine_description": lambda device: Machine(**MACHINE),
         "campaign.executors.environment_description": lambda device: dict(MACHINE),
         "commands.scenes.list_scenes": list,
     }
@@ -73,4 +77,4 @@ def start(request, **changes) -> tuple[int, str]:
 
 
 def ids_on_file(request) -> list[str]:
-    return [record["id"] for record in RecordFile(request.out / "records.jsonl").read()]
+    return [record.id for record in RecordFile(request.out / "records.jsonl").read()]

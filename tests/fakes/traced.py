@@ -14,7 +14,7 @@ from harness.spec.intersectors import INTERSECTORS
 from harness.spec.structure import Uniform
 from harness.tracers.prepared import Prepared
 
-GRID_TRACERS = ("deferred", "streamed", "forward", "work-optimal")
+GRID_TRACERS = [name for name in tracers.names() if tracers.find(name).needs_structure]
 
 
 def lattice_rays(count: int = 600) -> Rays:

@@ -22,6 +22,7 @@ from harness.inputs.viewpoints import find_views
 from harness.measure.pipeline import run_group
 from harness.measure.scene import Scenes
 from harness.records.origin import finish
+from harness.records.run_row import Record
 from harness.reference.embree_scene import EmbreeScene
 from harness.reference.exact import zero_area
 from harness.spec.run_spec import RunSpec, Variant
@@ -155,7 +156,7 @@ def test_trace_says_which_view_was_chosen_and_why(tmp_path, device):
     spec = RunSpec(scene=file, variant=variant, structure=Uniform(2, 8), rays=100, repetitions=1)
     (_, body), *_ = run_group([spec], Scenes(device))
     console = Console(width=200, record=True, file=io.StringIO())
-    console.print(record_table(finish(body, spec, machine_description(device))))
+    console.print(record_table(finish(Record, body, machine_description(device), id=spec.id)))
     assert "inside (inside, a room: " in console.export_text()
 
 

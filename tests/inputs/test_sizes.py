@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+import made_up_claims
 import numpy as np
 import pytest
 import trimesh
@@ -12,7 +13,6 @@ from shapes import icosphere, soup
 
 import scenes
 from harness.analysis.names import scene_and_size
-from harness.analysis.results import Results, read_published
 from harness.campaign.plan import expand
 from harness.data import View
 from harness.errors import DefrayError
@@ -280,16 +280,14 @@ def test_an_exponent_of_nothing_is_an_error(sizes, values):
 
 def record(name: str, source: str, triangles: int, tracer: str, seconds: float) -> dict:
     """A record with three repetitions of so many seconds."""
-    times = [seconds, seconds * 1.01, seconds * 0.99]
-    stage = {"median": 1000 / seconds, "low": 990 / seconds, "high": 1010 / seconds}
-    return {
-        "id": f"{name}-{tracer}", "valid": True, "command": "defray sweep", "machine": {"device": "a device"},
-        "scene": {"name": name, "source": source, "triangles": triangles, "sha256": ""}, "view": "front",
-        "rays": {"kind": "diffuse", "count": 1000, "seed": 1}, "tracer": tracer, "intersector": "ray-space",
-        "options": {}, "repetitions": 3, "rate": {"traverse": None, "intersect": stage, "total": stage},
-        "samples": {"intersect": times, "total": times},
-        "grid": {"top": 8, "leaf": 128, "reading": "total", "cells": 9, "nonempty": 9, "references": 9, "bytes": 9},
-    }  # fmt: skip
+    made = made_up_claims.record(f"{tracer}:ray-space", "crown", [seconds, seconds * 1.01, seconds * 0.99])
+    rate = {"median": 1000 / seconds, "low": 990 / seconds, "high": 1010 / seconds}
+    scene = {"name": name, "source": source, "triangles": triangles, "sha256": ""}
+    return made | {
+        "id": f"{name}-{tracer}",
+        "scene": scene,
+        "rate": made["rate"] | {"intersect": rate, "total": rate},
+    }
 
 
 @pytest.fixture
@@ -303,7 +301,7 @@ def runs(tmp_path):
         name = "hairball" if size == "1" else f"hairball@{size}"
         records.append(record(name, "stand-in", int(count) * 9, "deferred", count))
     records.append(record("crown", "real", 99, "deferred", 1.0))
-    return Results(records, tmp_path, "a device", read_published())
+    return made_up_claims.results(records, tmp_path)
 
 
 def test_the_figure_tells_real_from_stand_in_and_fits_each(runs):

@@ -21,7 +21,8 @@ from harness.errors import DefrayError
 from harness.measure.pipeline import run_group
 from harness.measure.scene import Scenes
 from harness.records.origin import finish
-from harness.records.record_file import validated
+from harness.records.run_row import Record
+from harness.records.schema import checked
 from harness.reference.check import Checker
 from harness.reference.embree_scene import EmbreeScene
 from harness.spec.intersectors import INTERSECTORS
@@ -53,14 +54,14 @@ def test_a_group_of_variants_gives_complete_valid_records(device, mesh_file):
     results = list(run_group(wanted, Scenes(device), lambda step: stages.append(step.done)))
     assert [spec.id for spec, _ in results] == [spec.id for spec in wanted]
     for spec, body in results:
-        record = validated(finish(body, spec, machine_description(device)), "test")
-        assert record["valid"] and record["agreement"]["rays"] == 2000
-        assert len(record["samples"]["total"]) == 2
-        assert record["rate"]["total"]["median"] > 0
-        assert json.loads(json.dumps(record)) == record
-    assert len({body["hits_sha256"] for spec, body in results if spec.variant.tracer != "embree"}) == 1
+        record = finish(Record, body, machine_description(device), id=spec.id)
+        assert record.valid and record.agreement.rays == 2000
+        assert len(record.samples.total) == 2
+        assert record.rate.total.median > 0
+        assert checked(Record, json.loads(json.dumps(record.as_json())), "test") == record
+    assert len({body.hits_sha256 for spec, body in results if spec.variant.tracer != "embree"}) == 1
     assert stages == sorted(stages) and stages[0] == 0 and stages[-1] <= 1
-    assert results[0][1]["grid"]["references"] > 0 and results[4][1]["grid"] is None
+    assert results[0][1].grid.references > 0 and results[4][1].grid is None
 
 
 def test_embrees_hierarchy_is_built_once_a_scene(device, mesh_file, monkeypatch):
@@ -79,13 +80,13 @@ def test_embrees_hierarchy_is_built_once_a_scene(device, mesh_file, monkeypatch)
 
 def test_stages_are_timed_where_a_tracer_has_them(device, mesh_file):
     results = {spec.variant.tracer: body for spec, body in run_group(specs(mesh_file), Scenes(device))}
-    has = {name: [s for s, values in body["samples"].items() if values] for name, body in results.items()}
+    has = {name: [s for s, values in body.samples.model_dump().items() if values] for name, body in results.items()}
     assert has["deferred"] == ["traverse", "arrange", "intersect", "compact", "total"]
     assert has["forward"] == ["total"]
     assert has["work-optimal"] == ["intersect", "total"]
     for body in results.values():
-        for stage, values in body["samples"].items():
-            assert stage == "total" or all(v <= t for v, t in zip(values, body["samples"]["total"], strict=False))
+        for stage, values in body.samples.model_dump().items():
+            assert stage == "total" or all(v <= t for v, t in zip(values, body.samples.total, strict=False))
 
 
 def test_hits_that_change_between_repetitions_are_caught(device, mesh_file, monkeypatch):
@@ -101,8 +102,8 @@ def test_hits_that_change_between_repetitions_are_caught(device, mesh_file, monk
 
     monkeypatch.setattr(kind, "trace", flicker)
     ((_, body),) = run_group(specs(mesh_file, ["forward:ray-space"], repetitions=3), Scenes(device))
-    assert not body["valid"] and body["rate"]["total"] is None
-    assert "changed their hit" in body["agreement"]["reason"]
+    assert not body.valid and body.rate.total is None
+    assert "changed their hit" in body.agreement.reason
 
 
 def test_tracers_that_disagree_by_one_bit_are_caught(device, mesh_file, monkeypatch):
@@ -116,9 +117,9 @@ def test_tracers_that_disagree_by_one_bit_are_caught(device, mesh_file, monkeypa
 
     monkeypatch.setattr(kind, "trace", nudged)
     results = {spec.variant.tracer: body for spec, body in run_group(specs(mesh_file), Scenes(device))}
-    assert not results["deferred"]["valid"]
-    assert "1 rays differ from" in results["deferred"]["agreement"]["reason"]
-    assert results["forward"]["valid"] and results["brute"]["valid"]
+    assert not results["deferred"].valid
+    assert "1 rays differ from" in results["deferred"].agreement.reason
+    assert results["forward"].valid and results["brute"].valid
 
 
 @pytest.mark.parametrize("option", ["contraction=on", "exit=reject"])
@@ -135,7 +136,7 @@ def test_tracers_that_promise_no_equal_bits_are_not_held_against_each_other(devi
     monkeypatch.setattr(kind, "trace", nudged)
     variants = ("deferred:ray-space", "work-optimal:ray-space", f"forward:ray-space:{option}")
     for _, body in run_group(specs(mesh_file, variants), Scenes(device)):
-        assert body["valid"], body["agreement"]["reason"]
+        assert body.valid, body.agreement.reason
 
 
 def test_the_run_that_cannot_be_opened_is_named(device, mesh_file):

@@ -12,12 +12,12 @@ from made_up_accuracy import write_accuracy
 from made_up_report import deferred, make_folder, one_record, scene_records
 from typer.testing import CliRunner
 
-from harness.claims import claims_html, judge_all
+from harness.claims import judge_all
 from harness.commands.main import app
 from harness.errors import DefrayError
 from harness.records.digest import sealed
 from harness.records.machines import merge
-from harness.records.record_file import RecordFile
+from harness.report.claims_section import claims_html
 from harness.report.contents import contents
 from harness.report.entry import Machines
 from harness.report.entry_origin import index_records
@@ -83,8 +83,7 @@ def test_the_order_of_folders_does_not_matter(two, tmp_path):
 
 def test_a_text_with_a_line_separator_in_it_stays_one_row(tmp_path):
     record = deferred("sponza") | {"command": "defray trace 'a\u2028b.ply'"}
-    (tmp_path / "mine").mkdir()
-    RecordFile(tmp_path / "mine" / "records.jsonl", validate=lambda row, _: row).append(record)
+    make_folder(tmp_path / "mine", [record])
     assert merge([tmp_path / "mine"], tmp_path / "ours") == {"records.jsonl": 1}
     assert list(index_records(tmp_path / "ours")) == [record["id"]]
 

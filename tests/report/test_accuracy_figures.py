@@ -7,13 +7,14 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_accuracy import DEVICE, VARIANTS, accuracy_row, stability, write_accuracy
+from made_up_accuracy import DEVICE, VARIANTS, accuracy_row, as_results, as_row, stability, write_accuracy
 from matplotlib.text import Text
 
 from harness.analysis.results import Results, read_published
 from harness.errors import DefrayError
+from harness.records.accuracy_row import AccuracyRow
 from harness.records.digest import sealed
-from harness.records.stability_row import SCHEMA as SUITE_SCHEMA
+from harness.records.schema import SCHEMA
 from harness.report.figures import figures, kernel_accuracy, speed_accuracy, stability_map, style
 from harness.report.figures.contenders import intersector_name
 from harness.report.figures.metrics import METRICS, frontier
@@ -24,8 +25,17 @@ from harness.stats import rate_bound
 
 
 def runs_of(rows=(), tests=None, folder=None) -> Results:
-    tests = tests or {"rows": [], "kernel_rates": []}
-    return Results([], folder, DEVICE, read_published(), list(rows), [], tests["rows"], tests["kernel_rates"])
+    """Results of made-up rows and of a made-up stability.json."""
+    suite = as_results(tests) if tests else None
+    return Results(
+        [],
+        folder,
+        DEVICE,
+        read_published(),
+        [as_row(AccuracyRow, row) for row in rows],
+        stability=suite.rows if suite else [],
+        kernel_rates=suite.kernel_rates if suite else [],
+    )
 
 
 def scene_rows(scene: str = "sponza", **changed) -> list[dict]:
@@ -209,7 +219,7 @@ def test_chart_2_is_drawn_where_no_test_errs_and_where_all_err_without_bound(ban
 
 
 def test_a_damaged_stability_file_is_named(tmp_path):
-    (tmp_path / "stability.json").write_text(json.dumps(sealed({"schema": SUITE_SCHEMA, "rows": [{}]})))
+    (tmp_path / "stability.json").write_text(json.dumps(sealed({"schema": SCHEMA, "rows": [{}]})))
     with pytest.raises(DefrayError, match=r"stability\.json is no result"):
         read_stability(tmp_path, DEVICE)
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from made_up_claims import BASE, OURS, SCENES, record, speedups
+from made_up_claims import BASE, OURS, SCENES, record, results, speedups
+from made_up_report import as_records
 
 from harness.analysis.ratios import speedup
-from harness.analysis.results import Results, read_published
-from harness.claims.model import FILE
+from harness.analysis.results import Results
 from harness.report.figures import end_to_end, intersection_speedup, published_rates, resolution_map, style, waves
 from harness.report.tables import intersector_ratio
 
@@ -23,8 +23,7 @@ def runs_of(records: list[dict], **changes) -> Results:
         }
         if one["samples"]["intersect"]:
             one["rate"]["intersect"] = one["rate"]["total"]
-        one["grid"] |= {"cells": 9, "nonempty": 9, "references": 9}
-    return Results(records, FILE.parent, "a device", read_published())
+    return results(records)
 
 
 def drawn(module, runs: Results):
@@ -40,7 +39,7 @@ def test_the_chart_of_whole_traces_says_of_each_run_its_own_rate():
     tests = ("ray-space", "moller-trumbore", "plucker")
     records = [record(f"deferred:{name}", "sponza", 1.0 + place, rays=9000) for place, name in enumerate(tests)]
     records += [record(OURS, "sponza", 5.0), record("forward:ray-space", "sponza", 7.0)]  # fewer rays, more tracers
-    runs = runs_of([one | {"commit": "0" * 40} for one in records])
+    runs = runs_of(records)
     rows = end_to_end.chart(runs, end_to_end.select(runs))["data"]["values"]
     assert {row["tracer"] for row in rows} == {"deferred", "forward"}
     for row in rows:
@@ -80,10 +79,12 @@ def test_runs_on_adaptive_grids_of_different_densities_are_not_held_against_each
 
 def test_only_interleaved_runs_are_paired():
     noisy = (1.0, 2.0, 4.0)
-    ours, base = record(OURS, "sponza", noisy), record(BASE, "sponza", noisy)
+    auto = {"spec": {"grid": {"top": 0, "leaf": 0, "reading": "auto"}}}
+    made = [record(OURS, "sponza", noisy), record(BASE, "sponza", noisy), record(BASE, "sponza", noisy) | auto]
+    ours, base, other = as_records(made)
     together = speedup(ours, base, "intersect")
     assert together["ratio_low"] == together["ratio_high"] == 1
-    apart = speedup(ours, base | {"spec": {"grid": {"top": 0, "leaf": 0, "reading": "auto"}}}, "intersect")
+    apart = speedup(ours, other, "intersect")
     assert apart["ratio"] == 1 and apart["ratio_low"] < 1 < apart["ratio_high"]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from made_up_report import RAYS, deferred, one_record
+from made_up_report import RAYS, as_records, deferred, one_record
 
 from harness.analysis.results import Results, read_published
 from harness.report.figures import arrangements, ray_count
@@ -12,7 +12,7 @@ DEVICE = "pthread-test AVX-512 device"
 
 
 def runs_of(records: list[dict], folder) -> Results:
-    return Results(records, folder, DEVICE, read_published())
+    return Results(as_records(records), folder, DEVICE, read_published())
 
 
 def arranged(name: str | None, nanoseconds: float, **options) -> dict:

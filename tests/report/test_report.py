@@ -6,6 +6,7 @@ import re
 
 import pandas as pd
 import pytest
+from made_up_accuracy import as_row
 from made_up_report import (
     RAYS,
     SMOKE,
@@ -17,13 +18,18 @@ from made_up_report import (
     scene_records,
     without_scripts,
 )
+from made_up_roofline import coherence_row, roofline_row
 
+from harness.analysis.names import beside_text, grid_text
 from harness.analysis.results import read_published
 from harness.data import Samples
 from harness.errors import DefrayError
+from harness.records.coherence_row import CoherenceRow, coherence_file
+from harness.records.roofline_row import RooflineRow, roofline_file
 from harness.report.figures import figures
 from harness.report.page import read_runs, write_report
 from harness.report.tables import tables
+from harness.spec.structure import structure_from_json
 from harness.stats import rates
 
 
@@ -168,7 +174,8 @@ def test_smoke_tier_with_one_repetition_and_no_sweep(tmp_path):
     for record in records:
         record["repetitions"] = 1
         record["samples"] = {stage: values[:1] for stage, values in record["samples"].items()}
-        record["rate"] = rates(Samples(**record["samples"]), record["rays"]["count"])
+        found = rates(Samples(**record["samples"]), record["rays"]["count"])
+        record["rate"] = {stage: rate and rate.as_dict() for stage, rate in found.items()}
     make_folder(tmp_path, records)
     page = write_report(tmp_path).read_text(encoding="utf-8")
     assert "needs diffuse runs of one scene on at least three resolutions" in page
@@ -183,6 +190,30 @@ def test_a_lone_run_makes_a_report(tmp_path, tracer):
     name = None if tracer == "embree" else "ray-space"
     make_folder(tmp_path, [one_record("sponza", tracer, name, {"total": 300}, grid=grid)])
     assert "1 run " in write_report(tmp_path).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("options", [{}, {"least": "4", "axis": "x"}])
+def test_a_structure_that_is_no_grid_goes_by_its_name_and_options(tmp_path, options):
+    structure = {"reading": "all-triangles", "options": options}
+    name = "all-triangles axis=x least=4" if options else "all-triangles"
+    size = {key: 1 for key in ("cells", "nonempty", "references", "bytes", "build_seconds")}
+    records = [record for record in scene_records("sponza") if record["grid"]]
+    for place, record in enumerate(records[1::2]):
+        record |= {"id": f"{place:016}", "grid": structure | size, "spec": {"grid": structure}}
+    make_folder(tmp_path, records)
+    grid = structure | size
+    for kind, file, row in (
+        (RooflineRow, roofline_file, roofline_row("sponza", "deferred") | {"grid": grid}),
+        (CoherenceRow, coherence_file, coherence_row("sponza") | {"grid": grid}),
+    ):
+        file(tmp_path).append(as_row(kind, row))
+    write_report(tmp_path)
+    shown = {table.stem: table.read_text(encoding="utf-8") for table in (tmp_path / "tables").glob("*.csv")}
+    for stem in ("grids", "counters", "agreement", "kernel_times", "roofline", "coherence", "end_to_end"):
+        assert name in shown[stem], stem
+    assert "None" not in without_scripts(page_of(tmp_path)) + "".join(shown.values())
+    run = next(run for run in read_runs(tmp_path).records if run.grid.top is None)
+    assert grid_text(run.grid) == beside_text(run) == str(structure_from_json(structure)) == name
 
 
 def test_only_failed_runs_make_a_report_without_figures_of_rates(tmp_path):

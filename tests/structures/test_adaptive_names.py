@@ -10,7 +10,7 @@ from shapes import soup
 
 from harness import structures
 from harness.errors import DefrayError
-from harness.records.run_row import GridFacts
+from harness.records.schema import GridFacts
 from harness.spec.run_spec import RunSpec, Variant
 from harness.spec.structure import Adaptive, Uniform, parse_structure
 from harness.structures.device_scene import upload_scene

@@ -19,10 +19,11 @@ from harness.device.machine import machine_description
 from harness.errors import DefrayError
 from harness.measure.group import scene_facts
 from harness.measure.scene import SharedScene
-from harness.records.accuracy_row import accuracy_file, accuracy_row
+from harness.records.accuracy_row import AccuracyRow, accuracy_file
 from harness.records.digest import sealed, unsealed
-from harness.records.origin import latest_rows, row_facts
-from harness.records.precision_row import precision_file
+from harness.records.origin import finish, latest_rows
+from harness.records.precision_row import PrecisionBody, precision_file
+from harness.records.schema import checked
 from harness.reference.errors_of_t import distance_rmse, residual_p99
 from harness.spec.structure import Uniform
 from harness.studies import errors_and_leaks as accuracy
@@ -40,13 +41,13 @@ PLAN = Plan(rays=2_000, aimed=4_000, repetitions=2, structure=Uniform(4, 16))
 VARIANTS = ("deferred:ray-space", "deferred:moller-trumbore", "embree", "embree:robust=false")
 
 
-def measured(device, texts=VARIANTS, plan=PLAN) -> dict[str, dict]:
+def measured(device, texts=VARIANTS, plan=PLAN) -> dict[str, AccuracyRow]:
     """Whole rows of a sphere seen from inside, by variant."""
     triangles = icosphere(3)
     scene = Scene("ball", triangles, (View((0.1, 0.05, -0.08), (1, 0.2, 0.3)),), sha256="0" * 64)
-    rows = measure_accuracy(SharedScene(scene, device), [Contender.parse(text) for text in texts], plan, device)
-    facts = row_facts(machine_description(device)) | {"id": "feed"}
-    return {row["variant"]: accuracy_row(row | facts, "row") for row in rows}
+    bodies = measure_accuracy(SharedScene(scene, device), [Contender.parse(text) for text in texts], plan, device)
+    machine = machine_description(device)
+    return {body.variant: finish(AccuracyRow, body, machine, id="feed") for body in bodies}
 
 
 @pytest.fixture(scope="module")
@@ -56,20 +57,21 @@ def rows(device):
 
 @pytest.fixture
 def row(rows):
-    return json.loads(json.dumps(rows["deferred:ray-space"]))
+    """A row as JSON has it."""
+    return json.loads(json.dumps(rows["deferred:ray-space"].as_json()))
 
 
 def test_leaks_separate_methods_and_rates_are_kept(rows):
     assert list(rows) == list(VARIANTS)
-    assert rows["deferred:ray-space"]["aimed"]["leaks"] == 0
-    assert rows["deferred:moller-trumbore"]["aimed"]["leaks"] > 50
+    assert rows["deferred:ray-space"].aimed.leaks == 0
+    assert rows["deferred:moller-trumbore"].aimed.leaks > 50
     for row in rows.values():
-        assert 0 < row["rate"]["low"] <= row["rate"]["median"] <= row["rate"]["high"]
-        assert row["aimed"]["rays"] == 4_000 and len(row["seconds"]) == 2
-        assert row["t_error"]["p99"] < 1e-5 and row["distance_rmse"] < 1e-5 and row["residual_p99_ulp"] < 64
-    assert rows["embree"]["grid"] is None and rows["embree"]["contraction"] is None
-    assert rows["deferred:ray-space"]["contraction"] == "off"
-    assert rows["deferred:ray-space"]["binning"] == "padded"
+        assert 0 < row.rate.low <= row.rate.median <= row.rate.high
+        assert row.aimed.rays == 4_000 and len(row.seconds) == 2
+        assert row.t_error.p99 < 1e-5 and row.distance_rmse < 1e-5 and row.residual_p99_ulp < 64
+    assert rows["embree"].grid is None and rows["embree"].contraction is None
+    assert rows["deferred:ray-space"].contraction == "off"
+    assert rows["deferred:ray-space"].overlap == "padded"
 
 
 def lossy(monkeypatch, change) -> None:
@@ -90,8 +92,8 @@ def test_dropped_hits_are_leaks_and_disagree(device, monkeypatch):
 
     lossy(monkeypatch, drop)
     row = measured(device, ["deferred:ray-space"])["deferred:ray-space"]
-    assert row["aimed"]["leaks"] == 40 and row["agreement"]["missed"] == 20
-    assert not row["valid"] and row["distance_rmse"] > 1e-2
+    assert row.aimed.leaks == 40 and row.agreement.missed == 20
+    assert not row.valid and row.distance_rmse > 1e-2
 
 
 def test_a_t_that_is_no_number_is_a_leak_and_counted(device, monkeypatch):
@@ -100,7 +102,7 @@ def test_a_t_that_is_no_number_is_a_leak_and_counted(device, monkeypatch):
 
     lossy(monkeypatch, spoil)
     row = measured(device, ["deferred:ray-space"])["deferred:ray-space"]
-    assert row["aimed"]["leaks"] == 20 and row["agreement"]["nonfinite"] == 10
+    assert row.aimed.leaks == 20 and row.agreement.nonfinite == 10
 
 
 def test_an_inaccurate_t_is_measured(device, monkeypatch):
@@ -109,17 +111,17 @@ def test_an_inaccurate_t_is_measured(device, monkeypatch):
 
     lossy(monkeypatch, shift)
     row = measured(device, ["deferred:ray-space"])["deferred:ray-space"]
-    assert row["t_error"]["p50"] == pytest.approx(1e-4, rel=0.02)
-    assert row["residual_p99_ulp"] > 100 and row["distance_rmse"] > 1e-6
+    assert row.t_error.p50 == pytest.approx(1e-4, rel=0.02)
+    assert row.residual_p99_ulp > 100 and row.distance_rmse > 1e-6
 
 
 def test_a_variant_that_leaks_enough_is_given_no_more_rays(device, monkeypatch):
     monkeypatch.setattr(accuracy, "AIMED_BLOCK", 500)
     monkeypatch.setattr(accuracy, "ENOUGH_LEAKS", 40)
     rows = measured(device, VARIANTS[:2])
-    assert rows["deferred:ray-space"]["aimed"]["rays"] == 4_000
-    leaky = rows["deferred:moller-trumbore"]["aimed"]
-    assert leaky["rays"] < 4_000 and leaky["leaks"] >= 40
+    assert rows["deferred:ray-space"].aimed.rays == 4_000
+    leaky = rows["deferred:moller-trumbore"].aimed
+    assert leaky.rays < 4_000 and leaky.leaks >= 40
 
 
 @pytest.mark.parametrize(
@@ -139,7 +141,7 @@ def test_a_bad_row_is_refused_in_one_line(row, change, what):
     if change.get("aimed"):
         change = {"aimed": row["aimed"] | change["aimed"]}
     with pytest.raises(DefrayError, match=what) as caught:
-        accuracy_row(row | change, "accuracy.jsonl, line 3")
+        checked(AccuracyRow, row | change, "accuracy.jsonl, line 3")
     assert "line 3" in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -147,21 +149,21 @@ def test_a_bad_row_is_refused_in_one_line(row, change, what):
 def test_a_rate_without_errors_is_impossible(row, part):
     del row[part]
     with pytest.raises(DefrayError, match=f"{part}: missing key"):
-        accuracy_row(row, "row")
+        checked(AccuracyRow, row, "row")
 
 
 def test_hits_that_nobody_checked_have_no_row(row):
     row["agreement"]["reference"] = "none"
     with pytest.raises(DefrayError, match="compared with a reference"):
-        accuracy_row(row, "row")
+        checked(AccuracyRow, row, "row")
     row["agreement"] |= {"reference": "embree", "missed": 1}
     with pytest.raises(DefrayError, match="add up"):
-        accuracy_row(row, "row")
+        checked(AccuracyRow, row, "row")
 
 
 def test_a_corrupted_line_is_named(tmp_path, row):
     file = accuracy_file(tmp_path)
-    file.append(row)
+    file.append(checked(AccuracyRow, row, "row"))
     text = file.path.read_text()
     file.path.write_text(text + text.replace('"leaks"', '"laeks"') + text)
     with pytest.raises(DefrayError, match=r"line 2 .*edited after it was written"):
@@ -169,8 +171,8 @@ def test_a_corrupted_line_is_named(tmp_path, row):
 
 
 def test_the_last_row_of_a_measurement_counts(row):
-    again = row | {"distance_rmse": 0.5}
-    assert latest_rows([row, again]) == [again]
+    first, again = (checked(AccuracyRow, row | {"distance_rmse": error}, "row") for error in (0.1, 0.5))
+    assert latest_rows([first, again]) == [again]
 
 
 def run_accuracy(scene: AccuracyScene, out, device, resume=True):
@@ -191,13 +193,13 @@ def test_a_second_run_needs_resume_and_measures_nothing_again(tmp_path, device, 
     with monkeypatch.context() as patch:
         patch.setattr(accuracy.AccuracyGroup, "trace", None)
         again = run_accuracy(scene, tmp_path, device).rows
-    assert [unsealed(row, "") for row in again] == [unsealed(row, "") for row in first]
+    assert again == first
     file = accuracy_file(tmp_path).path
     rows = [unsealed(json.loads(line), "") for line in file.read_text().splitlines()]
     moved = [row | {"machine": row["machine"] | {"device": "another"}} for row in rows]
     file.write_text("".join(json.dumps(sealed(row)) + "\n" for row in moved))
     run_accuracy(scene, tmp_path, device)  # rows of another device do not stand for this one's
-    assert [row["machine"]["device"] for row in accuracy_file(tmp_path).read()] == ["another", device.name]
+    assert [row.machine.device for row in accuracy_file(tmp_path).read()] == ["another", device.name]
 
 
 def save_mesh(path, triangles) -> str:
@@ -210,7 +212,7 @@ def test_resuming_measures_a_mesh_again_that_has_changed(tmp_path, device, preci
     mesh = save_mesh(tmp_path / "ball.npz", icosphere(2))
     if precision:  # of which a made-up row is enough
         monkeypatch.setattr(
-            "harness.studies.needed_precision.measure_precision", lambda shared, *_: [precision_row_of(shared.scene)]
+            "harness.studies.needed_precision.measure_precision", lambda shared, *_: [precision_of(shared.scene)]
         )
     scene = AccuracyScene(mesh, PLAN, [Contender.parse("embree")], precision)
     run_accuracy(scene, tmp_path, device)
@@ -218,14 +220,15 @@ def test_resuming_measures_a_mesh_again_that_has_changed(tmp_path, device, preci
     for _ in range(2):  # the second time both are on file
         found = run_accuracy(scene, tmp_path, device).rows
     file = precision_file(tmp_path) if precision else accuracy_file(tmp_path)
-    hashes = [row["scene"]["sha256"] for row in file.read()]
+    hashes = [row.scene.sha256 for row in file.read()]
     assert len(hashes) == len(set(hashes)) == 2
-    assert [row["scene"]["sha256"] for row in found] == hashes[1:]
+    assert [row.scene.sha256 for row in found] == hashes[1:]
 
 
-def precision_row_of(scene: Scene, samples: int = SAMPLES[-1]) -> dict:
+def precision_of(scene: Scene, samples: int = SAMPLES[-1]) -> PrecisionBody:
     row = made_up_accuracy.precision_row("ball", "samples", str(samples), 0.3, 0.1)
-    return row | {"scene": scene_facts(scene)}
+    measured = {key: value for key, value in row.items() if key in PrecisionBody.model_fields}
+    return PrecisionBody.model_validate(measured | {"scene": scene_facts(scene)})
 
 
 def test_precision_that_was_stopped_between_its_rows_is_measured_again(tmp_path, device, monkeypatch):
@@ -235,24 +238,24 @@ def test_precision_that_was_stopped_between_its_rows_is_measured_again(tmp_path,
 
     def stopped_once(shared, *_):
         started.append(1)
-        yield precision_row_of(shared.scene, SAMPLES[0])
+        yield precision_of(shared.scene, SAMPLES[0])
         if len(started) == 1:
             raise KeyboardInterrupt
-        yield precision_row_of(shared.scene, SAMPLES[-1])
+        yield precision_of(shared.scene, SAMPLES[-1])
 
     monkeypatch.setattr("harness.studies.needed_precision.measure_precision", stopped_once)
     assert run_accuracy(scene, tmp_path, device).code == 130
     for _ in range(2):  # the second time all are on file
         assert run_accuracy(scene, tmp_path, device).code == 0
     assert len(started) == 2
-    assert [row["value"] for row in precision_file(tmp_path).read()] == ["1", "1", "64"]
+    assert [row.value for row in precision_file(tmp_path).read()] == ["1", "1", "64"]
 
 
 def test_rows_of_a_stand_in_do_not_stand_for_the_real_scene(row):
     stand_in = row | {"scene": row["scene"] | {"source": "stand-in"}}
     (task,) = AccuracyStudy().tasks("ball", [Contender.parse("deferred:ray-space")], PLAN)
     (part,) = task.parts
-    rows = [one | {"id": part.id} for one in (row, stand_in)]
+    rows = [checked(AccuracyRow, one | {"id": part.id}, "row") for one in (row, stand_in)]
     here = row["machine"]["device"]
     for last in rows:
         ledger = Ledger(task.study, rows, here)
@@ -276,8 +279,8 @@ def test_what_is_whole_is_stored_before_an_interruption(tmp_path, device, monkey
     with monkeypatch.context() as patch:
         patch.setattr(accuracy.AccuracyGroup, "leaks_of", interrupted)
         assert run_accuracy(scene, tmp_path, device).code == 130
-    assert [row["variant"] for row in accuracy_file(tmp_path).read()] == ["embree"]
-    assert [row["variant"] for row in run_accuracy(scene, tmp_path, device).rows] == ["embree", "embree:robust=false"]
+    assert [row.variant for row in accuracy_file(tmp_path).read()] == ["embree"]
+    assert [row.variant for row in run_accuracy(scene, tmp_path, device).rows] == ["embree", "embree:robust=false"]
 
 
 def test_a_variant_that_fails_costs_no_other_its_row(tmp_path, device, monkeypatch):
@@ -293,7 +296,7 @@ def test_a_variant_that_fails_costs_no_other_its_row(tmp_path, device, monkeypat
     with monkeypatch.context() as patch:
         patch.setattr(accuracy.AccuracyGroup, "trace", breaks)
         found = run_accuracy(scene, tmp_path, device)
-    assert found.code == 1 and [row["variant"] for row in found.rows] == ["embree", "embree:robust=false"]
+    assert found.code == 1 and [row.variant for row in found.rows] == ["embree", "embree:robust=false"]
     (error,) = [json.loads(line) for line in (tmp_path / "errors.jsonl").read_text().splitlines()]
     assert error["study"] == "accuracy" and error["run"].endswith("deferred:ray-space")
     assert error["error"] == "RuntimeError: out of resources"
@@ -319,7 +322,15 @@ def test_variants_are_written_one_way_and_bad_ones_refused():
         str(Contender.parse("forward:ray-space:binning=open:exit=reject"))
         == "forward:ray-space:binning=open:exit=reject"
     )
-    for text, what in (("embree:binning=open", "no grid"), ("deferred:binning=odd", "binning"), ("walk", "tracer")):
+    assert Contender.parse("deferred:overlap=open") == Contender.parse("deferred:binning=open")
+    wrong = {
+        "embree:overlap=open": "walks no structure",
+        "embree:binning=open": "walks no structure",
+        "deferred:overlap=odd": "unknown overlap test 'odd'",
+        "deferred:overlap=open:binning=box": "twice",
+        "walk": "tracer",
+    }
+    for text, what in wrong.items():
         with pytest.raises(DefrayError, match=what):
             Contender.parse(text)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_up_accuracy import DEVICE, as_row
+from made_up_roofline import coherence_row, roofline_row
 from shapes import icosphere, random_rays, soup
 from traced import setting_of
 from typer.testing import CliRunner
@@ -16,7 +16,9 @@ from harness import tracers
 from harness.analysis.results import Results, read_published
 from harness.commands.main import app
 from harness.errors import DefrayError
-from harness.records.coherence_row import Coherence, coherence_file, coherence_row, predicted_ratios
+from harness.records.coherence_row import Coherence, CoherenceRow, coherence_file, predicted_ratios
+from harness.records.roofline_row import RooflineRow, roofline_file
+from harness.records.schema import checked
 from harness.report.tables import coherence_table as table
 from harness.spec.intersectors import INTERSECTORS
 from harness.spec.structure import Adaptive, Uniform
@@ -40,11 +42,16 @@ def steps_of(sequences: Sequences) -> list[list[tuple[int, int]]]:
     return [list(zip(sequences.wave[a:b].tolist(), sequences.cell[a:b].tolist(), strict=True)) for a, b in bounds]
 
 
+def counts_of(*values) -> Coherence:
+    """Counts in the order of their declaration."""
+    return Coherence(**dict(zip(Coherence.model_fields, values, strict=True)))
+
+
 class Machine:
     """Runs `lanes` lanes trip by trip and counts with sets."""
 
     def __init__(self, model: str, lanes: int, lists: Lists):
-        self.found, self.lists = Coherence(model, lanes, 0, 0, 0, 0, 0, 0), lists
+        self.found, self.lists = counts_of(model, lanes, *[0] * 10), lists
 
     def step(self, left: list[int]) -> None:
         """One loop over the steps that each lane has left."""
@@ -130,7 +137,7 @@ def test_sequences_make_the_counts_of_the_tracers(device, spec, lanes):
     assert counters.tests <= counters.lane_tests <= lanes * trips
     assert lanes > 1 or counters.lane_tests == trips
     with pytest.raises(DefrayError, match="tests, but the tracer counts"):
-        compare_counts(sequences, lists, dataclasses.replace(counters, tests=counters.tests + 1), "deferred")
+        compare_counts(sequences, lists, counters.model_copy(update={"tests": counters.tests + 1}), "deferred")
 
 
 def test_rays_of_one_cell_keep_all_lanes_at_work():
@@ -159,8 +166,8 @@ def test_rays_without_steps_make_empty_counts():
 
 
 def test_predictions_are_quotients_of_trips_and_lines():
-    forward = Coherence("forward", 32, 0, 0, 0, 900, 300, 300, 300, 900, 1200, 900)
-    deferred = Coherence("deferred", 32, 0, 0, 0, 1000, 100, 50, 100, 1000, 150, 125)
+    forward = counts_of("forward", 32, 0, 0, 0, 900, 300, 300, 300, 900, 1200, 900)
+    deferred = counts_of("deferred", 32, 0, 0, 0, 1000, 100, 50, 100, 1000, 150, 125)
     assert predicted_ratios([forward, deferred], 32) == {"deferred": {"trips": 3.0, "lines": 8.0}}
     assert predicted_ratios([forward, deferred], 8) == {}
 
@@ -172,47 +179,37 @@ def test_a_stored_row_reads_back_and_a_wrong_one_is_refused(tmp_path):
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)], catch_exceptions=False)
     assert done.exit_code == 0 and "forward over deferred-packed" in done.stdout
     (row,) = coherence_file(tmp_path).read()
-    assert len(row["counts"]) == 6
+    assert len(row.counts) == 6
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.studies.lanes_and_lines.measure_coherence", None)
         again = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path), "--resume", "--json"])
-    assert again.exit_code == 0 and json.loads(again.stdout) == [row], "and is not measured again"
+    assert again.exit_code == 0 and json.loads(again.stdout) == [row.as_json()], "and is not measured again"
     runs = Results([], tmp_path, "any device", read_published())
     numbers = table.select(runs)
     assert list(numbers["lanes"]) == [8] * 3 + [32] * 3 and numbers["forward_trips_over_these"].notna().sum() == 4
     assert "measured" not in table.caption(runs, numbers)
-    damaged = json.loads(json.dumps(row))
+    damaged = row.as_json()
     damaged["counts"][0]["tests"] = 8 * damaged["counts"][0]["test_trips"] + 1
     with pytest.raises(DefrayError, match="a trip works on one lane at least and on all at most"):
-        coherence_row(damaged, "here")
+        checked(CoherenceRow, damaged, "here")
 
 
-def test_the_prediction_stands_beside_what_was_measured():
+def test_the_prediction_stands_beside_what_was_measured(tmp_path):
     """Scalar work-optimal over deferred intersection, of the same scene, grid and intersector."""
-    grid = {"top": 2, "leaf": 8, "reading": "total"}
-    shared = {
-        "scene": {"name": "ball", "source": "file", "sha256": "ab"},
-        "grid": grid,
-        "intersector": "ray-space",
-        "rays": {"kind": "diffuse", "count": 100, "seed": 1},
-    }
-    timed = [
-        {**shared, "tracer": tracer, "lanes": 8, "kernels": [{"name": name, "seconds": seconds}]}
-        for tracer, name, seconds in (
-            ("deferred", "intersect_bins", [1.0, 1.0, 1.0]),
-            ("work-optimal", "intersect_visited", [5.0, 6.0, 7.0]),
-        )
-    ]
-    counted = {
-        **shared,
-        "counts": [
-            {"model": "forward", "lanes": 8, "tests": 800, "test_trips": 400},
-            {"model": "deferred", "lanes": 8, "tests": 900, "test_trips": 100},
-        ],
-    }
-    runs = SimpleNamespace(
-        coherence=[counted], roofline=timed, scene_place=lambda name: 0, title_of=lambda scene: scene["name"]
-    )
-    assert table.measured_ratios(runs) == ["ball, 2/8 total: 8.0 predicted, 6 [5, 7] measured"]
-    runs.roofline = [timed[0], {**timed[1], "rays": {**timed[1]["rays"], "count": 101}}]
-    assert table.measured_ratios(runs) == []
+    for tracer, name, seconds in (
+        ("deferred", "intersect_bins", [1.0, 1.0, 1.0]),
+        ("work-optimal", "intersect_visited", [5.0, 6.0, 7.0]),
+    ):
+        row = roofline_row("sponza", tracer)
+        (kernel,) = (one for one in row["kernels"] if one["name"] == name)
+        roofline_file(tmp_path).append(as_row(RooflineRow, row | {"kernels": [kernel | {"seconds": seconds}]}))
+    row = coherence_row("sponza")
+    coherence_file(tmp_path).append(as_row(CoherenceRow, row))
+    tests, trips = (row["counts"][place][key] for place, key in ((0, "tests"), (1, "test_trips")))
+    runs = Results([], tmp_path, DEVICE, read_published())
+    said = f"Sponza, 8/128 total: {tests / trips:.1f} predicted, 6 [5, 7] measured"
+    assert table.measured_ratios(runs) == [said]
+    other = roofline_row("sponza", "work-optimal")
+    other["rays"] = other["rays"] | {"count": other["rays"]["count"] + 1}
+    roofline_file(tmp_path).append(as_row(RooflineRow, other))  # in place of the one on the same rays
+    assert table.measured_ratios(Results([], tmp_path, DEVICE, read_published())) == []

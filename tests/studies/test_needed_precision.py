@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_up_accuracy import DEVICE, precision_row, precision_rows
+from made_up_accuracy import DEVICE, as_row, precision_row, precision_rows
 from shapes import icosphere
 
 from harness.analysis.results import Results, read_published
@@ -12,8 +12,8 @@ from harness.data import Scene, View
 from harness.device.machine import machine_description
 from harness.errors import DefrayError
 from harness.measure.scene import SharedScene
-from harness.records.origin import row_facts
-from harness.records.precision_row import precision_row as checked
+from harness.records.origin import finish
+from harness.records.precision_row import PrecisionRow
 from harness.report.figures import enough_precision, style
 from harness.studies import needed_precision as module
 
@@ -42,36 +42,35 @@ def rows(device):
         scene = Scene("balls", np.concatenate([inner, outer]), (View((-0.6, 0.1, -0.2), (0.3, 0.1, 0.2)),), "file")
         found = list(module.measure_precision(SharedScene(scene, device), 4_000, 2, device))
     return {
-        (row["knob"], row["value"]): checked(row | row_facts(machine_description(device)) | {"id": "feed"}, "row")
-        for row in found
+        (body.knob, body.value): finish(PrecisionRow, body, machine_description(device), id="feed") for body in found
     }
 
 
 def test_half_precision_is_the_error_and_resolution_is_none(rows):
     half, single = rows["precision", "half"], rows["precision", "float"]
-    assert 1e-6 < half["error"] < 1e-2 and single["error"] < 1e-6
-    assert half["differing"] > single["differing"] == 0
-    assert {rows["grid", value]["error"] for value in ("8/16", "8/32")} == {single["error"]}
-    assert half["image_error"] > 0 and single["image_error"] is None
+    assert 1e-6 < half.error < 1e-2 and single.error < 1e-6
+    assert half.differing > single.differing == 0
+    assert {rows["grid", value].error for value in ("8/16", "8/32")} == {single.error}
+    assert half.image_error > 0 and single.image_error is None
 
 
 def test_noise_falls_as_rays_a_pixel_grow(rows):
-    errors = [rows["samples", str(count)]["error"] for count in module.SAMPLES]
-    assert all(rows["samples", str(count)]["differing"] == 0 for count in module.SAMPLES)
+    errors = [rows["samples", str(count)].error for count in module.SAMPLES]
+    assert all(rows["samples", str(count)].differing == 0 for count in module.SAMPLES)
     assert errors[0] > 2 * errors[2] and errors[1] > errors[3]
 
 
 def test_every_row_has_a_rate_and_an_error(rows):
     for row in rows.values():
-        assert row["rate"]["median"] > 0 and np.isfinite(row["error"])
-    row = dict(next(iter(rows.values())))
+        assert row.rate.median > 0 and np.isfinite(row.error)
+    row = next(iter(rows.values())).as_json()
     del row["error"]
     with pytest.raises(DefrayError, match="error: missing key"):
-        checked(row, "row")
+        as_row(PrecisionRow, row)
 
 
 def runs_of(rows) -> Results:
-    return Results([], None, DEVICE, read_published(), [], rows)
+    return Results([], None, DEVICE, read_published(), precision=[as_row(PrecisionRow, row) for row in rows])
 
 
 def test_the_caption_says_when_half_precision_is_enough():

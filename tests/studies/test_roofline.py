@@ -20,8 +20,8 @@ from harness.device.program import launch_listeners
 from harness.device.stopwatch import KernelWatch
 from harness.errors import DefrayError
 from harness.measure import group as measure
-from harness.records.digest import unsealed
-from harness.records.roofline_row import roofline_file, roofline_row
+from harness.records.roofline_row import RooflineRow, roofline_file
+from harness.records.schema import checked
 from harness.report.figures import kernel_ceilings, time_by_kernel
 from harness.spec.intersectors import INTERSECTORS
 from harness.structures.grids import grid_walk_work
@@ -111,7 +111,7 @@ def test_work_of_the_intersection_by_hand():
     assert found.uncached_bytes == own + 16 * chunks + 40 * loads
     # Both launches together read fewer triangles than the scene has, so that a cache would save nothing here.
     assert found.bytes == own + 16 * chunks + 40 * loads
-    many = dataclasses.replace(FACTS, counters=dataclasses.replace(FACTS.counters, lane_tests=160_000))
+    many = dataclasses.replace(FACTS, counters=FACTS.counters.model_copy(update={"lane_tests": 160_000}))
     assert work_of("intersect_bins", many).bytes == own + 16 * chunks + 2 * (4 * 300 + 36 * 120)
     gathered = work_of("intersect_bins", dataclasses.replace(FACTS, pair_bytes=4))
     assert gathered.bytes == found.bytes - 240 * 28 + 40 * 150
@@ -173,22 +173,20 @@ def stored(tmp_path_factory):
 def test_rows_hold_every_kernel_and_the_ceilings(stored):
     deferred, forward, streamed = roofline_file(stored).read()
     whole = {"start_rays", "trace_forward", "write_hits", "outside stages"}
-    assert {kernel["name"] for kernel in forward["kernels"]} == whole
-    tests, streamed_tests = (
-        INTERSECTORS["ray-space"].flops * row["counters"]["tests"] for row in (deferred, streamed)
-    )
-    (stream,) = (kernel for kernel in streamed["kernels"] if kernel["name"] == "trace_stream")
-    assert stream["stage"] == "other" and stream["launches"] == 1 and stream["flops"] > streamed_tests
-    (bins,) = (kernel for kernel in deferred["kernels"] if kernel["name"] == "intersect_bins")
-    assert bins["flops"] == tests and bins["launches"] == deferred["counters"]["waves"]
-    assert {kernel["name"] for kernel in deferred["kernels"] if not kernel["own"]} <= {
+    assert {kernel.name for kernel in forward.kernels} == whole
+    tests, streamed_tests = (INTERSECTORS["ray-space"].flops * row.counters.tests for row in (deferred, streamed))
+    (stream,) = (kernel for kernel in streamed.kernels if kernel.name == "trace_stream")
+    assert stream.stage == "other" and stream.launches == 1 and stream.flops > streamed_tests
+    (bins,) = (kernel for kernel in deferred.kernels if kernel.name == "intersect_bins")
+    assert bins.flops == tests and bins.launches == deferred.counters.waves
+    assert {kernel.name for kernel in deferred.kernels if not kernel.own} <= {
         "clear bins",
         "rest of arrange",
         "between kernels",
         "rest of compact",
         "outside stages",
     }
-    assert all(len(deferred["ceilings"][name]["samples"]) == 3 * 2 for name in ("memory", "cache", "fma"))
+    assert all(len(getattr(deferred.ceilings, name).samples) == 3 * 2 for name in ("memory", "cache", "fma"))
 
 
 def test_resuming_measures_nothing_again(stored, monkeypatch):
@@ -201,7 +199,7 @@ def test_resuming_measures_nothing_again(stored, monkeypatch):
 
 
 def test_a_row_without_a_check_or_with_too_few_times_is_refused(stored):
-    row = unsealed(roofline_file(stored).read()[0], "here")
+    row = roofline_file(stored).read()[0].as_json()
     for changed, reason in (
         ({"valid": False}, "must not have times"),
         ({"agreement": {**row["agreement"], "reference": "none"}}, "compared with a reference"),
@@ -209,20 +207,20 @@ def test_a_row_without_a_check_or_with_too_few_times_is_refused(stored):
         ({"kernels": [{**row["kernels"][0], "seconds": [1.0]}]}, "a time for each repetition"),
     ):
         with pytest.raises(DefrayError, match=reason):
-            roofline_row(json.loads(json.dumps({**row, **changed})), "here")
+            checked(RooflineRow, {**row, **changed}, "here")
 
 
 def test_wrong_hits_have_no_times(tmp_path, monkeypatch):
     plain = measure.Group.check
 
     def failed(group, run, runs):
-        return dataclasses.replace(plain(group, run, runs), valid=False, reason="made up")
+        return plain(group, run, runs).model_copy(update={"valid": False, "reason": "made up"})
 
     monkeypatch.setattr(measure.Group, "check", failed)
     done = measured(tmp_path, "--variants", "forward:ray-space")
     assert done.exception.exit_code == 1 and "check failed" in str(done.exception)
     (row,) = roofline_file(tmp_path).read()
-    assert row["kernels"] == row["seconds"] == [] and not row["valid"]
+    assert row.kernels == row.seconds == [] and not row.valid
 
 
 @pytest.mark.parametrize(
@@ -241,10 +239,10 @@ def test_what_cannot_be_measured_is_one_clear_line(tmp_path, more, reason):
 @pytest.mark.parametrize("narrow", [False, True])
 @pytest.mark.parametrize("figure", [kernel_ceilings, time_by_kernel])
 def test_figures_are_drawn_from_stored_rows(stored, figure, narrow):
-    device = roofline_file(stored).read()[0]["machine"]["device"]
+    device = roofline_file(stored).read()[0].machine.device
     runs = Results([], stored, device, read_published())
     numbers = figure.select(runs)
-    assert len(numbers) and set(numbers["runs"]) == {row["id"] for row in runs.roofline}
+    assert len(numbers) and set(numbers["runs"]) == {row.id for row in runs.roofline}
     figure.draw(runs, numbers, narrow).draw_without_rendering()
     assert figure.caption(runs, numbers)
     assert figure.select(Results([], stored, "another device", read_published())).empty

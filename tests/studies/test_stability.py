@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 from harness.commands.main import app
 from harness.data import Hits, Rays
 from harness.errors import DefrayError
-from harness.records import stability_row as report
 from harness.records.digest import digest_of, sealed
+from harness.records.schema import SCHEMA, Machine
+from harness.records.stability_row import FILE, ResultsFile, StressRow, read_results
 from harness.spec.intersectors import DEFAULT, INTERSECTORS, find
 from harness.spec.stress_suite import families, select
 from harness.studies.stability import offsets
@@ -23,7 +24,6 @@ from harness.studies.stability.closed_meshes import closed_mesh, icosphere
 from harness.studies.stability.failures import Judge, merge
 from harness.studies.stability.pairs import Answers, Pairs, PairTester, contracts
 from harness.studies.stability.stress_run import (
-    ROW,
     TRIALS,
     check_inputs,
     chosen,
@@ -36,6 +36,10 @@ ROW_ON_FILE = {
     "intersector": "ray-space", "contraction": "off", "family": "A1", "size": "smoke", "rays": 10, "leaks": None,
     "double_hits": None, "band_ulp": 0.5, "residual_p99_ulp": 1.0, "gross": 0, "nonfinite": 0, "self_hits": None,
     "tunnels": None, "passed": True,
+}  # fmt: skip
+MACHINE = {
+    "cpu": "a cpu", "cores": 2, "os": "an os", "device": "one", "platform": "a platform", "driver": "1",
+    "versions": {},
 }  # fmt: skip
 ROBUST = ("ray-space", "ray-space-orthonormal", "woop-benthin-wald-kahan")
 
@@ -54,32 +58,32 @@ def metrics_of(device, name, family, mode="off"):
 
 
 def test_every_intersector_runs_every_family_in_both_modes(smoke_rows, device):
-    methods = {(row["intersector"], row["contraction"]) for row in smoke_rows}
+    methods = {(row.intersector, row.contraction) for row in smoke_rows}
     assert len(methods) == 2 * len(chosen("all", device)) >= 24
     assert len(smoke_rows) == len(methods) * len(families())
-    assert all(tuple(row) == ROW for row in smoke_rows)
+    assert len({row.key for row in smoke_rows}) == len(smoke_rows)
 
 
 def test_the_default_passes_everything(smoke_rows):
-    rows = [row for row in smoke_rows if row["intersector"] == DEFAULT]
-    assert rows and [row["family"] for row in rows if not row["passed"]] == []
+    rows = [row for row in smoke_rows if row.intersector == DEFAULT]
+    assert rows and [row.family for row in rows if not row.passed] == []
     assert INTERSECTORS[DEFAULT].watertight
 
 
 @pytest.mark.parametrize("name", ROBUST)
 def test_differences_of_products_pass_w_a_d_and_g_in_both_modes(smoke_rows, name):
-    rows = [row for row in smoke_rows if row["intersector"] == name and row["family"][0] in "WADG"]
-    assert len(rows) > 20 and [(r["family"], r["contraction"]) for r in rows if not r["passed"]] == []
+    rows = [row for row in smoke_rows if row.intersector == name and row.family[0] in "WADG"]
+    assert len(rows) > 20 and [(r.family, r.contraction) for r in rows if not r.passed] == []
 
 
 def test_no_intersector_registered_as_watertight_leaks(smoke_rows):
-    rows = [row for row in smoke_rows if INTERSECTORS[row["intersector"]].watertight and row["leaks"] is not None]
-    assert rows and not any(row["leaks"] for row in rows)
+    rows = [row for row in smoke_rows if INTERSECTORS[row.intersector].watertight and row.leaks is not None]
+    assert rows and not any(row.leaks for row in rows)
 
 
 def test_the_known_failures_are_found(smoke_rows):
     """A suite in which nothing fails has no power."""
-    failed = {(row["intersector"], row["family"]) for row in smoke_rows if not row["passed"]}
+    failed = {(row.intersector, row.family) for row in smoke_rows if not row.passed}
     expected = {
         ("moller-trumbore", "W1"), ("moller-trumbore", "A1"), ("moller-trumbore-epsilon", "A4"),
         ("moller-trumbore-double", "W1"), ("plucker-zero", "W1"), ("pbrt", "A3"), ("baldwin-weber", "A2"),
@@ -228,8 +232,8 @@ def test_the_command_prints_json_and_writes_a_file_that_reads_back(tmp_path):
     assert result.exit_code == 0, result.output
     rows = json.loads(result.stdout)
     assert [(row["contraction"], row["passed"]) for row in rows] == [("off", True), ("on", True)]
-    results = report.read_results(tmp_path)
-    assert [row.model_dump() for row in results.rows] == rows
+    results = read_results(tmp_path)
+    assert [row.as_json() for row in results.rows] == rows
     assert all(rate.tests_per_second.median > 0 for rate in results.kernel_rates)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.studies.stability.suite.measure_family", None)
@@ -241,48 +245,49 @@ def test_the_command_prints_json_and_writes_a_file_that_reads_back(tmp_path):
 
 
 def test_a_results_file_of_another_schema_or_with_unknown_keys_is_refused(tmp_path):
-    good = {"schema": report.SCHEMA, "machine": {}, "contracts": {}, "rows": []}
-    file = tmp_path / report.FILE
+    good = {"schema": SCHEMA, "machine": MACHINE, "contracts": {}, "rows": []}
+    file = tmp_path / FILE
     file.write_text(json.dumps(sealed(good)))
-    assert report.read_results(tmp_path).rows == []
+    assert read_results(tmp_path).rows == []
     changes = [{"schema": 99}, {"more": 1}, {"rows": [{"passed": True}]}]
     changes += [{"rows": [ROW_ON_FILE | wrong]} for wrong in ({"rays": 0}, {"family": "Z9"}, {"band_ulp": np.nan})]
-    assert report.Results(**good | {"rows": [ROW_ON_FILE]}).rows[0].passed
+    file.write_text(json.dumps(sealed(good | {"rows": [ROW_ON_FILE]})))
+    assert read_results(tmp_path).rows[0].passed
     texts = [json.dumps({**good, **change, "digest": digest_of(good)}) for change in changes]
     texts += [json.dumps(sealed(good | change)) for change in changes if "NaN" not in json.dumps(change)]
     for text in [*texts, json.dumps(good), "[]", "{", '{"schema_": 1}']:
         file.write_text(text)
         with pytest.raises(DefrayError, match=r"stability.json"):
-            report.read_results(tmp_path)
+            read_results(tmp_path)
 
 
 def test_a_second_run_adds_to_the_file_and_another_device_is_refused(tmp_path):
-    file = report.ResultsFile(tmp_path, {"device": "one"}, {"off": False, "on": True})
-    file.add([ROW_ON_FILE, ROW_ON_FILE | {"family": "W2"}])
-    again = report.ResultsFile(tmp_path, {"device": "one"}, {"off": False, "on": True})
-    again.add([ROW_ON_FILE | {"passed": False}])
-    rows = report.read_results(tmp_path).rows
+    file = ResultsFile(tmp_path, Machine(**MACHINE), {"off": False, "on": True})
+    file.add([StressRow(**ROW_ON_FILE), StressRow(**ROW_ON_FILE | {"family": "W2"})])
+    again = ResultsFile(tmp_path, Machine(**MACHINE), {"off": False, "on": True})
+    again.add([StressRow(**ROW_ON_FILE | {"passed": False})])
+    rows = read_results(tmp_path).rows
     assert [(row.family, row.passed) for row in rows] == [("A1", False), ("W2", True)]
     with pytest.raises(DefrayError, match="holds results of one, not of two"):
-        report.ResultsFile(tmp_path, {"device": "two"}, {})
+        ResultsFile(tmp_path, Machine(**MACHINE | {"device": "two"}), {})
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_measuring(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(DefrayError, match="cannot write to"):
-        report.ResultsFile(tmp_path / "file" / "below", {}, {})
+        ResultsFile(tmp_path / "file" / "below", Machine(**MACHINE), {})
 
 
 def test_a_disk_that_fills_up_meanwhile_is_one_line(tmp_path):
-    file = report.ResultsFile(tmp_path, {"device": "one"}, {"off": False, "on": True})
+    file = ResultsFile(tmp_path, Machine(**MACHINE), {"off": False, "on": True})
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))  # bytes that a file may have
     try:
         with pytest.raises(DefrayError, match=r"cannot write .*stability.json: File too large"):
-            file.add([ROW_ON_FILE])
+            file.add([StressRow(**ROW_ON_FILE)])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert report.read_results(tmp_path) is None
+    assert read_results(tmp_path) is None
 
 
 @pytest.mark.parametrize(

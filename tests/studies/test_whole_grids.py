@@ -31,7 +31,7 @@ from harness.studies.stability.walks import (
     walk_digest,
     walk_family,
 )
-from harness.studies.stability.whole_grids import binning_study, grid_digest, grid_family
+from harness.studies.stability.whole_grids import grid_digest, grid_family, overlap_study
 from harness.tracers import find
 from harness.tracers.base import parse_options
 from harness.tracers.batch import Batch
@@ -172,9 +172,9 @@ def test_tracing_a_padded_grid_loses_nothing(device):
 
 
 def test_overlap_tests_and_exit_rules_that_lose_rays_are_caught(device):
-    rows = binning_study(device, DEFAULT, 2000, SEED)
-    leaks = {(row["scene"], row["binning"], row["exit"]): row["leaks"] for row in rows}
-    stored = {(row["scene"], row["binning"]): row["references"] for row in rows}
+    rows = overlap_study(device, DEFAULT, 2000, SEED)
+    leaks = {(row["scene"], row["overlap"], row["exit"]): row["leaks"] for row in rows}
+    stored = {(row["scene"], row["overlap"]): row["references"] for row in rows}
     assert len(leaks) == len(whole.SCENES) * 4 * 2
     for scene in whole.SCENES:
         assert leaks[scene, "padded", "keep"] == leaks[scene, "padded", "reject"] == 0

@@ -13,7 +13,7 @@ from harness import engine as pipeline
 from harness import structures, tracers
 from harness.campaign.plan import expand
 from harness.data import Scene, differing
-from harness.records.run_row import GridFacts
+from harness.records.schema import GridFacts
 from harness.spec import intersectors
 from harness.spec.structure import AUTO, Adaptive, parse_structure
 from harness.structures.adaptive import levels_of

@@ -1,26 +1,16 @@
-"""Types of rules, one file each: a new type is a new file with a class `Rule`.
+"""Types of rules, one file each: a new type is a new file `NAME_rule.py` with a class `Rule`, as all of them call it.
 
-A `Rule` is the data of one entry in claims.toml. Its `type` is the file's name, its `judge(evidence)` an Outcome.
+A `Rule` is the data of one entry in claims.toml, which names it by the literal that its field `type` states. Its
+`judge(evidence)` is an Outcome.
 """
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
-from dataclasses import dataclass
 from typing import Annotated, Union
 
 from pydantic import Field
-
-from harness.analysis.results import Results
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What rules judge by: the runs of a folder, and the scenes that the paper measured."""
-
-    runs: Results
-    scenes: tuple[str, ...]
 
 
 def rule_types() -> list[type]:

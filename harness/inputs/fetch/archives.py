@@ -12,9 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 import scenes
+from harness.data import Strict
 from harness.errors import DefrayError, first_problem
 from harness.inputs.fetch.download import check_room
 
@@ -22,10 +23,8 @@ LARGEST = 6 << 30  # bytes one archive may unpack to; San Miguel's OBJ has 1.1 G
 CHUNK = 1 << 20
 
 
-class Archive(BaseModel):
+class Archive(Strict, frozen=True):
     """One table of `scenes/archives.toml`, which explains the keys."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     url: str = Field(pattern=r"^https?://")
     licence: str

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 from filelock import FileLock, Timeout
-from pydantic import BaseModel, ConfigDict
 
+from harness.data import Strict
 from harness.errors import DefrayError
 from harness.files import cache_folder, now_utc
 from harness.inputs.fetch.archives import Archive, archives, extract
@@ -32,10 +32,8 @@ from scenes import Recipe
 FIRST_FETCH = "no SHA-256 of it was published: pinned what came, for every later fetch, in"
 
 
-class Pin(BaseModel):
+class Pin(Strict):
     """One entry of lock.json; `sha256` is the archive's, `npz_sha256` the converted file's."""
-
-    model_config = ConfigDict(extra="forbid")
 
     url: str
     sha256: str

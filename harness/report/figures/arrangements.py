@@ -6,6 +6,7 @@ import pandas as pd
 
 from harness.analysis.names import WORKLOAD, three_digits
 from harness.analysis.results import Results
+from harness.records.run_row import Record
 from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.stats import Interval, interval, ratio
@@ -33,13 +34,12 @@ def select(runs: Results) -> pd.DataFrame:
     return pd.DataFrame(found)
 
 
-def _arrangement(record: dict) -> str | None:
+def _arrangement(record: Record) -> str | None:
     """The arrangement of a run that differs from the default in nothing else, and whose pairs were counted."""
-    options = dict(record.get("options") or {})
+    options = dict(record.options)
     arrange = options.pop("arrange", "two-pass")
-    timed = (record.get("samples") or {}).get("arrange")
-    counted = (record.get("counters") or {}).get("pairs")
-    return arrange if arrange in ARRANGEMENTS and not options and timed and counted else None
+    is_measured = bool(record.samples.arrange) and record.counters.pairs > 0
+    return arrange if arrange in ARRANGEMENTS and not options and is_measured else None
 
 
 def _numbers(work: pd.DataFrame) -> list[dict]:
@@ -47,10 +47,10 @@ def _numbers(work: pd.DataFrame) -> list[dict]:
     return [_row(work.loc[name], name, base) for name in ARRANGEMENTS if name in work.index]
 
 
-def _row(run: pd.Series, name: str, base: dict | None) -> dict:
+def _row(run: pd.Series, name: str, base: Record | None) -> dict:
     """Times a pair, pairs a second, and share of the whole, each with its interval over the repetitions."""
-    samples, pairs = run["record"]["samples"], run["record"]["counters"]["pairs"]
-    arrange, traverse, total = (samples[stage] for stage in ("arrange", "traverse", "total"))
+    samples, pairs = run["record"].samples, run["record"].counters.pairs
+    arrange, traverse, total = samples.arrange, samples.traverse, samples.total
     spent = interval([1e9 * time / pairs for time in arrange])
     walked, whole = (1e9 * interval(times).median / pairs for times in (traverse, total))
     row = {
@@ -65,8 +65,8 @@ def _row(run: pd.Series, name: str, base: dict | None) -> dict:
     if min(arrange) > 0:
         row |= _ends("mpairs_per_s_arranged", interval([pairs / time / 1e6 for time in arrange]))
     row |= _ends("arrange_share", interval([a / t for a, t in zip(arrange, total, strict=True)]))
-    if name == "sort" and base is not None and len(base["samples"]["arrange"]) == len(arrange):
-        row |= _ends("sorting_over_binning", ratio(arrange, base["samples"]["arrange"]))
+    if name == "sort" and base is not None and len(base.samples.arrange) == len(arrange):
+        row |= _ends("sorting_over_binning", ratio(arrange, base.samples.arrange))
     return row | {"grid": run["grid"], "rays": run["rays"], "runs": run["run"]}
 
 

@@ -14,6 +14,7 @@ import pandas as pd
 import vl_convert
 from markupsafe import Markup
 
+from harness.analysis.results import Results
 from harness.report.figures import style
 
 PAGE_SCRIPT = Path(__file__).parents[1] / "page.js"
@@ -123,17 +124,17 @@ def interval(row, name: str) -> str | None:
     return f"{row[name]:.4g} [{row[f'{name}_low']:.4g}, {row[f'{name}_high']:.4g}]"
 
 
-def record_facts(runs, identity: str) -> dict[str, str]:
+def record_facts(runs: Results, identity: str) -> dict[str, str]:
     """Of the record behind a point: its id, when and at which commit it was measured, and its command."""
     rows = [*runs.records, *runs.accuracy]
-    record = next((row for row in rows if row["id"] == identity), None)
+    record = next((row for row in rows if row.id == identity), None)
     if record is None:
         return {"record": identity}
     return {
         "record": identity,
-        "measured": record["time_utc"],
-        "commit": record["commit"][:10],
-        "command": record["command"],
+        "measured": record.time_utc,
+        "commit": record.commit[:10],
+        "command": record.command,
     }
 
 

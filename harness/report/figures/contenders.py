@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pandas as pd
 
-from harness.analysis.ratios import megarays
 from harness.analysis.results import Results
 from harness.report.figures import style
-from harness.stats import rate_bound
+from harness.stats import megarays, rate_bound
 
 # Marker and title of each family of intersectors; a name belongs to the longest prefix that fits.
 FAMILIES = {
@@ -48,7 +47,7 @@ def variant_name(row: pd.Series) -> str:
         return "Embree fast" if row["options"].get("robust") == "false" else "Embree robust"
     parts = [intersector_name(row["intersector"])]
     parts += ["contracted"] if row["contraction"] == "on" else []
-    parts += [f"{row['binning']} binning"] if row["binning"] not in (None, "padded") else []
+    parts += [f"{row['overlap']} overlap test"] if row["overlap"] not in (None, "padded") else []
     parts += [f"{key} {value}" for key, value in row["options"].items() if key != "contraction"]
     return ", ".join(parts)
 
@@ -61,34 +60,32 @@ def accuracy_table(runs: Results) -> pd.DataFrame:
     """
     rows = []
     for row in runs.accuracy:
-        aimed, scene = row["aimed"], row["scene"]
-        bound = rate_bound(aimed["leaks"], aimed["rays"])
+        aimed, rate = row.aimed, row.rate
         rows.append(
             {
-                "scene": runs.title_of(scene),
-                "place": runs.scene_place(scene["name"]),
-                "tracer": row["tracer"],
-                "intersector": row["intersector"] or "",
-                "contraction": row["contraction"],
-                "binning": row["binning"],
-                "options": row["options"],
-                "variant": row["variant"],
-                "triangles": scene["triangles"],
-                "rays": row["rays"]["count"],
-                "aimed": aimed["rays"],
-                "leaks": aimed["leaks"],
-                "leak_rate": aimed["leaks"] / aimed["rays"],
-                "leak_bound": bound,
-                "rate": megarays(row["rate"]["median"]),
-                "rate_low": megarays(row["rate"]["low"]),
-                "rate_high": megarays(row["rate"]["high"]),
-                "t_error_p99": row["t_error"]["p99"],
-                "residual_p99_ulp": row["residual_p99_ulp"],
-                "distance_rmse": row["distance_rmse"],
-                "agreement": row["agreement"],
-                "valid": row["valid"],
-                "run": row["id"],
-                "seconds": row["seconds"],
+                "scene": runs.title_of(row.scene),
+                "place": runs.scene_place(row.scene.name),
+                "tracer": row.tracer,
+                "intersector": row.intersector or "",
+                "contraction": row.contraction,
+                "overlap": row.overlap,
+                "options": row.options,
+                "variant": row.variant,
+                "triangles": row.scene.triangles,
+                "rays": row.rays.count,
+                "aimed": aimed.rays,
+                "leaks": aimed.leaks,
+                "leak_rate": aimed.leaks / aimed.rays,
+                "leak_bound": rate_bound(aimed.leaks, aimed.rays),
+                "rate": megarays(rate.median),
+                "rate_low": megarays(rate.low),
+                "rate_high": megarays(rate.high),
+                "t_error_p99": row.t_error.p99,
+                "residual_p99_ulp": row.residual_p99_ulp,
+                "distance_rmse": row.distance_rmse,
+                "valid": row.valid,
+                "run": row.id,
+                "seconds": row.seconds,
             }
         )
     table = pd.DataFrame(rows)

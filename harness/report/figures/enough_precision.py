@@ -6,11 +6,11 @@ import pandas as pd
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
 
-from harness.analysis.ratios import megarays
 from harness.analysis.results import Results
 from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.report.figures.metrics import METRICS
+from harness.stats import megarays
 
 COLOURS = (style.BLUE, style.RED, style.GREEN, style.PINK, style.ORANGE)
 MARKERS = {"grid": "o", "precision": "D"}
@@ -21,19 +21,19 @@ def select(runs: Results) -> pd.DataFrame:
     """One row a value of a knob."""
     rows = [
         {
-            "scene": runs.title_of(row["scene"]),
-            "knob": row["knob"],
-            "value": row["value"],
-            "variant": row["variant"],
-            "rays": row["rays"],
-            "mrays_per_s": megarays(row["rate"]["median"]),
-            "mrays_per_s_low": megarays(row["rate"]["low"]),
-            "mrays_per_s_high": megarays(row["rate"]["high"]),
-            "error": row["error"],
-            "image_error": row["image_error"],
-            "differing": row["differing"],
-            "place": runs.scene_place(row["scene"]["name"]),
-            "runs": row["id"],
+            "scene": runs.title_of(row.scene),
+            "knob": row.knob,
+            "value": row.value,
+            "variant": row.variant,
+            "rays": row.rays,
+            "mrays_per_s": megarays(row.rate.median),
+            "mrays_per_s_low": megarays(row.rate.low),
+            "mrays_per_s_high": megarays(row.rate.high),
+            "error": row.error,
+            "image_error": row.image_error,
+            "differing": row.differing,
+            "place": runs.scene_place(row.scene.name),
+            "runs": row.id,
         }
         for row in runs.precision
     ]

@@ -10,6 +10,7 @@ from matplotlib.ticker import NullLocator
 
 from harness.analysis.names import short_number
 from harness.analysis.results import Results
+from harness.records.stability_row import StressRow
 from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.report.figures.contenders import intersector_family, intersector_name
@@ -24,11 +25,11 @@ CONTRACTION = {"off": style.BLUE, "on": style.ORANGE}
 
 def select(runs: Results) -> pd.DataFrame:
     """One row an intersector and contraction mode that has a rate and all three families."""
-    rates = {(one["intersector"], one["contraction"]): one["tests_per_second"] for one in runs.kernel_rates}
-    errors: dict[tuple, dict[str, dict]] = {}
+    rates = {one.key: one.tests_per_second for one in runs.kernel_rates}
+    errors: dict[tuple, dict[str, StressRow]] = {}
     for row in runs.stability:
-        if row["family"] in FAMILIES:
-            errors.setdefault((row["intersector"], row["contraction"]), {})[row["family"]] = row
+        if row.family in FAMILIES:
+            errors.setdefault((row.intersector, row.contraction), {})[row.family] = row
     rows = []
     for key, rate in rates.items():
         found = errors.get(key, {})
@@ -37,7 +38,7 @@ def select(runs: Results) -> pd.DataFrame:
                 {"intersector": key[0], "contraction": key[1]}
                 | {name: _worst(found.values(), name) for name in PANELS}
                 | {
-                    f"million_tests_per_s{end}": rate[part] / 1e6
+                    f"million_tests_per_s{end}": getattr(rate, part) / 1e6
                     for end, part in (("", "median"), ("_low", "low"), ("_high", "high"))
                 }
             )
@@ -48,7 +49,8 @@ def select(runs: Results) -> pd.DataFrame:
 
 
 def _worst(rows, name: str) -> float:
-    return max(float("inf") if row[name] is None else float(row[name]) for row in rows)
+    values = [getattr(row, name) for row in rows]
+    return max(float("inf") if value is None else float(value) for value in values)
 
 
 def caption(runs: Results, numbers: pd.DataFrame) -> str:

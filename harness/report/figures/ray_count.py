@@ -50,7 +50,7 @@ def select(runs: Results) -> pd.DataFrame:
 
 
 def _numbers(run: pd.Series) -> dict:
-    seconds = interval(run["record"]["samples"]["total"])
+    seconds = interval(run["record"].samples.total)
     row = {"scene": run["title"], "name": run["scene"], "tracer": run["tracer"], "rays": run["rays"]}
     for end, value in (("", seconds.median), ("_low", seconds.low), ("_high", seconds.high)):
         row |= {f"seconds{end}": value, f"ns_per_ray{end}": 1e9 * value / run["rays"]}

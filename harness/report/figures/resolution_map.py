@@ -10,6 +10,7 @@ from matplotlib.patches import Rectangle
 from harness.analysis.names import three_digits
 from harness.analysis.ratios import rays_note
 from harness.analysis.results import Results
+from harness.records.run_row import Record
 from harness.report.entry import Figure
 from harness.report.figures import style
 
@@ -66,10 +67,9 @@ def _scene(work: pd.DataFrame) -> list[dict]:
     return [row | {"fastest": row["reading"] == "total" and row["rate_mrays_per_s"] == fastest} for row in rows]
 
 
-def is_chosen(record: dict) -> bool:
+def is_chosen(record: Record) -> bool:
     """Whether the run's grid was chosen by the harness (`--grid auto`), as its record says."""
-    asked = (record.get("spec") or {}).get("grid") or {}
-    return bool((record.get("grid") or {}).get("chosen")) or asked.get("reading") == "auto"
+    return record.grid is not None and bool(record.grid.chosen)
 
 
 def caption(runs: Results, numbers: pd.DataFrame) -> str:

@@ -10,6 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Patch
 
 from harness.analysis.results import Results
+from harness.records.stability_row import StressRow
 from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.report.figures.contenders import intersector_name
@@ -27,23 +28,22 @@ def select(runs: Results) -> pd.DataFrame:
     return pd.DataFrame([_cell(row) for row in runs.stability])
 
 
-def _cell(row: dict) -> dict:
-    rays = max(row["rays"], 1)
-    lost = max(row["leaks"] or 0, row["gross"] or 0) / rays
-    ulp = [row[name] for name in ("band_ulp", "residual_p99_ulp") if row[name] is not None]
+def _cell(row: StressRow) -> dict:
+    lost = max(row.leaks or 0, row.gross or 0) / row.rays
+    ulp = [error for error in (row.band_ulp, row.residual_p99_ulp) if error is not None]
     kind, value = ("ulp", max(ulp)) if ulp else ("rate", lost)
-    if not row["passed"] and severity(kind, value) == 0:  # some other limit was broken
-        kind, value = "rate", max([lost, *((row[name] or 0) / rays for name in OTHER_FAULTS)])
+    if not row.passed and severity(kind, value) == 0:  # some other limit was broken
+        kind, value = "rate", max([lost, *((getattr(row, name) or 0) / row.rays for name in OTHER_FAULTS)])
     return {
-        "intersector": row["intersector"],
-        "contraction": row["contraction"],
-        "family": row["family"],
-        "rays": row["rays"],
+        "intersector": row.intersector,
+        "contraction": row.contraction,
+        "family": row.family,
+        "rays": row.rays,
         "kind": kind,
         "value": value,
         "severity": severity(kind, value),
-        "all_lost": bool(lost >= ALL_LOST and not row["passed"]),
-        "passed": bool(row["passed"]),
+        "all_lost": lost >= ALL_LOST and not row.passed,
+        "passed": row.passed,
     }
 
 

@@ -8,6 +8,7 @@ from matplotlib.ticker import StrMethodFormatter
 from harness.analysis.names import SAME_WORK
 from harness.analysis.ratios import stage_nanoseconds
 from harness.analysis.results import Results
+from harness.records.run_row import Record
 from harness.report.entry import Figure
 from harness.report.figures import style
 from harness.spec.tracer_facts import listed_tracers
@@ -35,7 +36,7 @@ def _work(work: pd.DataFrame) -> list[dict]:
     needed = _tests(optimal.iloc[0]["record"]) if len(optimal) else float("nan")
     found = []
     for _, run in work[work["tracer"] == "deferred"].iterrows():
-        setting = wave_setting(run["record"]["options"])
+        setting = wave_setting(run["record"].options)
         if setting is None:
             continue
         times = stage_nanoseconds(run["record"])
@@ -45,7 +46,7 @@ def _work(work: pd.DataFrame) -> list[dict]:
                 "setting": setting,
                 "tests_per_ray": _tests(run["record"]),
                 "tests_needed": needed,
-                "waves": run["record"]["counters"]["waves"],
+                "waves": run["record"].counters.waves,
                 **{f"{stage}_ns": times[stage] for stage in (*STAGES, "total")},
                 "total_ns_low": 1e3 / run["total_high"],
                 "total_ns_high": 1e3 / run["total_low"],
@@ -57,8 +58,8 @@ def _work(work: pd.DataFrame) -> list[dict]:
     return sorted(found, key=lambda row: _place(row["setting"]))
 
 
-def _tests(record: dict) -> float:
-    return record["counters"]["tests"] / record["rays"]["count"]
+def _tests(record: Record) -> float:
+    return record.counters.tests / record.rays.count
 
 
 def wave_setting(options: dict) -> str | None:

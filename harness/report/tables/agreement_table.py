@@ -17,20 +17,19 @@ def select(runs: Results) -> pd.DataFrame:
 
 
 def _numbers(run: pd.Series) -> dict:
-    agreement = run["record"].get("agreement") or {}
-    error = agreement.get("t_relative_error") or {}
-    counts = {name: agreement.get(name) for name in COUNTS}
+    agreement = run["record"].agreement
+    counts = {name: getattr(agreement, name) for name in COUNTS}
     counts["settled_exactly"] = counts.pop("settled")
     return {
         "scene": run["title"],
         "variant": run["label"],
         "grid": run["grid"],
         "kind": run["kind"],
-        "reference": agreement.get("reference"),
-        "rays": agreement.get("rays"),
+        "reference": agreement.reference,
+        "rays": agreement.rays,
         **counts,
-        "worst_band_ulp": agreement.get("worst_band_ulp"),
-        "largest_t_error": error.get("max"),
+        "worst_band_ulp": agreement.worst_band_ulp,
+        "largest_t_error": agreement.t_relative_error.max,
         "valid": run["valid"],
         "run": run["run"],
     }

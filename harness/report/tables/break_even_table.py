@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pandas as pd
 
+from harness.analysis.names import grid_text
 from harness.analysis.ratios import beside, best, robust_embree
 from harness.analysis.results import Results
+from harness.records.run_row import Record
 from harness.report.entry import Table
 from harness.stats import BuildAndRate, rays_to_break_even
 
@@ -57,18 +59,18 @@ def build_seconds(row: pd.Series, scene: pd.DataFrame) -> float | None:
     """Seconds of building what the run used: the shortest of the scene's builds of it; None where none is known."""
     if row["grid"] == "":
         same = scene["record"][(scene["tracer"] == row["tracer"]) & (scene["options"] == row["options"])]
-        known = [record.get("hierarchy_build_seconds") for record in same]
+        known = [record.hierarchy_build_seconds for record in same]
     else:
         same = [record for record in scene["record"] if _size(record) == _size(row["record"])]
-        known = [record["grid"].get("build_seconds") for record in same]
+        known = [record.grid.build_seconds for record in same]
     known = [seconds for seconds in known if seconds is not None]
     return min(known) if known else None
 
 
-def _size(record: dict) -> tuple:
-    """What tells one grid of a scene from another."""
-    grid = record.get("grid") or {}
-    return tuple(grid.get(key) for key in ("top", "leaf", "reading", "density", "cells"))
+def _size(record: Record) -> tuple:
+    """What tells one grid of a scene from another; of a run without a grid, what none has."""
+    grid = record.grid
+    return (grid_text(grid), grid.density, grid.cells) if grid else ()
 
 
 def caption(runs: Results, numbers: pd.DataFrame) -> str:

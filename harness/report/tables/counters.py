@@ -14,9 +14,9 @@ def select(runs: Results) -> pd.DataFrame:
     """Counts over rays, one row a valid run that counted anything."""
     rows = []
     for _, run in runs.valid.iterrows():
-        counters = run["record"].get("counters") or {}
-        if any(counters.get(name) for name in COUNTERS):
-            per_ray = {f"{name}_per_ray": (counters.get(name) or 0) / run["rays"] for name in COUNTERS}
+        counters = run["record"].counters
+        if any(getattr(counters, name) for name in COUNTERS):
+            per_ray = {f"{name}_per_ray": getattr(counters, name) / run["rays"] for name in COUNTERS}
             rows.append(
                 {
                     "scene": run["title"],
@@ -25,8 +25,8 @@ def select(runs: Results) -> pd.DataFrame:
                     "kind": run["kind"],
                     "rays": run["rays"],
                     **per_ray,
-                    "waves": counters.get("waves"),
-                    "padding": counters.get("padding"),
+                    "waves": counters.waves,
+                    "padding": counters.padding,
                     "run": run["run"],
                 }
             )

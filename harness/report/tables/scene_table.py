@@ -18,7 +18,7 @@ def select(runs: Results) -> pd.DataFrame:
                 "scene": one["title"],
                 "source": one["source"],
                 "triangles": one["triangles"],
-                "sha256": one["record"]["scene"].get("sha256", ""),
+                "sha256": one["record"].scene.sha256,
                 "runs": " ".join(rows["run"]),
             }
         )

@@ -19,7 +19,7 @@ def select(runs: Results) -> pd.DataFrame:
     table = accuracy_table(runs)
     rows = []
     for _, scene in table.groupby("scene", sort=False) if len(table) else ():
-        deferred = scene[(scene["tracer"] == "deferred") & (scene["binning"] == PADDED)]
+        deferred = scene[(scene["tracer"] == "deferred") & (scene["overlap"] == PADDED)]
         free = fastest(deferred, FLOORS[0])
         for floor in FLOORS:
             rows.append(

@@ -5,35 +5,34 @@ from __future__ import annotations
 import pandas as pd
 
 from harness.analysis.names import grid_text
-from harness.analysis.results import Results, bytes_of
+from harness.analysis.results import Results
+from harness.records.schema import GridFacts
 from harness.report.entry import Table
 
 
 def select(runs: Results) -> pd.DataFrame:
     """One row a scene and grid; adaptive grids of several densities are several."""
     rows = runs.valid[runs.valid["grid"] != ""]
-    rows = rows.assign(name=[_name(record["grid"]) for record in rows["record"]]).drop_duplicates(["scene", "name"])
+    rows = rows.assign(name=[_name(record.grid) for record in rows["record"]]).drop_duplicates(["scene", "name"])
     return pd.DataFrame([_numbers(run) for _, run in rows.iterrows()])
 
 
-def _name(grid: dict) -> str:
-    density = grid.get("density")
-    return grid_text(grid) if density is None else f"{grid_text(grid)}, density {density:g}"
+def _name(grid: GridFacts) -> str:
+    return grid_text(grid) if grid.density is None else f"{grid_text(grid)}, density {grid.density:g}"
 
 
 def _numbers(run: pd.Series) -> dict:
-    grid = run["record"]["grid"]
-    references, triangles = grid.get("references"), run["triangles"]
+    grid, triangles = run["record"].grid, run["triangles"]
     return {
         "scene": run["title"],
         "triangles": triangles,
         "grid": run["name"],
-        "cells": grid.get("cells"),
-        "nonempty": grid.get("nonempty"),
-        "references": references,
-        "references_per_triangle": references / triangles if references and triangles else None,
-        "grid_megabytes": bytes_of(grid) / 1e6,
-        "build_seconds": grid.get("build_seconds"),
+        "cells": grid.cells,
+        "nonempty": grid.nonempty,
+        "references": grid.references,
+        "references_per_triangle": grid.references / triangles if grid.references and triangles else None,
+        "grid_megabytes": grid.bytes / 1e6,
+        "build_seconds": grid.build_seconds,
         "runs": run["run"],
     }
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 from harness.data import Counters
+from harness.records.roofline_row import KernelWork
 from harness.structures.base import WalkWork
 
 RAY, KEY, POSITION, EXIT, INDEX = 32, 8, 8, 4, 4  # bytes a ray
@@ -54,16 +55,6 @@ class Facts:
         return min(size * self.waves, read)
 
 
-@dataclass(frozen=True)
-class KernelWork:
-    """Of all launches of one kernel. `executed_flops`: with those of idle lanes."""
-
-    flops: int
-    executed_flops: int
-    bytes: int
-    uncached_bytes: int
-
-
 def walked_rays(counters: Counters, rays: int, batch: int, compaction: bool = True) -> int:
     """Rays at the beginning of each wave, added up over waves and batches of `batch` rays."""
     if not compaction:
@@ -84,7 +75,11 @@ def work_of(kernel: str, facts: Facts) -> KernelWork | None:
 
 
 def _plain(flops: int, moved: int, uncached: int | None = None) -> KernelWork:
-    return KernelWork(flops, flops, moved, moved if uncached is None else uncached)
+    return _work(flops, flops, moved, moved if uncached is None else uncached)
+
+
+def _work(flops: int, executed: int, least: int, most: int) -> KernelWork:
+    return KernelWork(flops=flops, executed_flops=executed, bytes=least, uncached_bytes=most)
 
 
 def _tables(f: Facts) -> int:
@@ -186,7 +181,7 @@ def _intersect_bins(f: Facts) -> KernelWork:
     least = f.table(12 * f.cells, 16 * f.chunks) + min(gathered * f.walked, gathered * f.counters.pairs)
     most = 16 * f.chunks + gathered * f.counters.pairs + loads * (4 + f.triangle_bytes)
     tests = f.counters.tests * f.test_flops
-    return KernelWork(tests, f.counters.lane_tests * f.test_flops, own + least + _test_tables(f, loads), own + most)
+    return _work(tests, f.counters.lane_tests * f.test_flops, own + least + _test_tables(f, loads), own + most)
 
 
 def _trace_stream(f: Facts) -> KernelWork:
@@ -194,7 +189,7 @@ def _trace_stream(f: Facts) -> KernelWork:
     and which are left. A pair takes a slot and the fill of its bin, which its chunk reads; chunks as in
     `intersect_bins`, with gathered rays. The list of bins to empty is left out.
     """
-    c, once = f.counters, replace(f, counters=replace(f.counters, waves=1))
+    c, once = f.counters, replace(f, counters=f.counters.model_copy(update={"waves": 1}))
     slots, loads = f.chunks * f.lanes, c.lane_tests // f.lanes
     flops = f.walked * f.walk.ray_flops + c.steps * f.walk.step_flops
     state, stop, hits = INDEX + RAY + KEY + POSITION + EXIT, POSITION + EXIT, f.hits * (KEY + 4)
@@ -205,7 +200,7 @@ def _trace_stream(f: Facts) -> KernelWork:
     most = f.walked * (state + stop) + kept + hits + _step_bytes(f) * c.steps
     most += 6 * c.pairs + 4 * c.padding + 4 * slots + RAY * c.pairs + 8 * f.chunks + loads * (4 + f.triangle_bytes)
     executed = flops + c.lane_tests * f.test_flops
-    return KernelWork(flops + c.tests * f.test_flops, executed, least, most)
+    return _work(flops + c.tests * f.test_flops, executed, least, most)
 
 
 def _cells_one_by_one(f: Facts, rays: int, flops: int, tables: int, tables_uncached: int) -> KernelWork:
@@ -214,7 +209,7 @@ def _cells_one_by_one(f: Facts, rays: int, flops: int, tables: int, tables_uncac
     least = tables + f.table(4 * f.cells, 8 * c.pairs) + _test_tables(f, c.tests)
     most = tables_uncached + 8 * c.pairs + 4 * c.tests + f.triangle_bytes * c.lane_tests
     executed = flops + c.lane_tests * f.test_flops
-    return KernelWork(flops + c.tests * f.test_flops, executed, rays + least, rays + most)
+    return _work(flops + c.tests * f.test_flops, executed, rays + least, rays + most)
 
 
 def _trace_forward(f: Facts) -> KernelWork:
@@ -241,7 +236,7 @@ def _write_hits(f: Facts) -> KernelWork:
     triangles = f.triangle_bytes * f.hits
     rays = f.rays * (RAY + KEY + 16)
     least = rays + min(f.triangle_bytes * f.triangles, triangles)
-    return KernelWork(f.hits * f.test_flops, f.rays * f.test_flops, least, rays + triangles)
+    return _work(f.hits * f.test_flops, f.rays * f.test_flops, least, rays + triangles)
 
 
 # Kernels by name, and the parts of a stage that are not kernels of this project.

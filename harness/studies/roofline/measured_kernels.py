@@ -3,7 +3,6 @@ ceilings. Rows of `roofline.jsonl`."""
 
 from __future__ import annotations
 
-import dataclasses
 import statistics
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -12,16 +11,25 @@ from harness import stats, tracers
 from harness.device.machine import machine_description
 from harness.device.stopwatch import OUTSIDE, KernelWatch
 from harness.errors import DefrayError
-from harness.measure.group import Group, Progress, Run, scene_facts
+from harness.measure.group import Group, Progress, Run, describe_structure, ray_facts, scene_facts
 from harness.measure.interleave import note_hits, warm_up
 from harness.measure.scene import Scenes
-from harness.records.origin import identity, row_facts
+from harness.records.agreement import Agreement
+from harness.records.origin import finish, identity
 from harness.records.record_file import RecordFile
-from harness.records.roofline_row import SCHEMA, roofline_file
-from harness.reference.check import Agreement
+from harness.records.roofline_row import (
+    NOT_STATED,
+    Ceiling,
+    CeilingValues,
+    KernelRow,
+    RooflineBody,
+    RooflineRow,
+    roofline_file,
+)
+from harness.records.schema import Machine
 from harness.spec.run_spec import RunSpec
 from harness.studies.roofline.ceilings import UNITS, Ceilings
-from harness.studies.roofline.kernel_work import Facts, KernelWork, rest_name, walked_rays, work_of
+from harness.studies.roofline.kernel_work import Facts, rest_name, walked_rays, work_of
 from harness.studies.study import Part, Step, Study, Task, Tell, guessed_seconds
 
 
@@ -42,29 +50,29 @@ class RooflineStudy(Study):
         traced = [(spec.variant, (spec.repetitions + 2) * spec.rays) for spec in specs]
         return [Task(self, scene, scene, parts, guessed_seconds(scene, traced, specs[0].rays))]
 
-    def file(self, folder: Path, machine: dict) -> RecordFile:
+    def file(self, folder: Path, machine: Machine) -> RecordFile[RooflineRow]:
         """`roofline.jsonl`."""
         return roofline_file(folder)
 
-    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[RooflineRow]:
         """The row of each variant."""
         specs, device = [part.what for part in task.parts], scenes.device
 
         def told(step: Progress) -> None:
             tell(Step(id_of(step.spec) if step.spec else None, step.stage, step.done))
 
-        for row in measure_roofline(specs, scenes, told):
-            yield row | row_facts(machine_description(device))
+        for body in measure_roofline(specs, scenes, told):
+            yield finish(RooflineRow, body, machine_description(device))
 
-    def passed(self, row: dict) -> bool:
+    def passed(self, row: RooflineRow) -> bool:
         """Whether its hits passed the check."""
-        return row["valid"]
+        return row.valid
 
-    def outcome(self, row: dict) -> str:
+    def outcome(self, row: RooflineRow) -> str:
         """Nanoseconds a ray, or none."""
-        if not row["valid"]:
+        if not row.valid:
             return "check failed, no times"
-        return f"{1e9 * statistics.median(row['seconds']) / row['rays']['count']:.0f} ns a ray"
+        return f"{1e9 * statistics.median(row.seconds) / row.rays.count:.0f} ns a ray"
 
 
 def id_of(spec: RunSpec) -> str:
@@ -74,8 +82,8 @@ def id_of(spec: RunSpec) -> str:
 
 def measure_roofline(
     specs: Sequence[RunSpec], scenes: Scenes, tell: Callable[[Progress], None] = lambda _: None
-) -> Iterator[dict]:
-    """A row for each spec of one scene, still without command, time and machine; ceilings take turns with the runs.
+) -> Iterator[RooflineBody]:
+    """The body of a row for each spec of one scene; ceilings take turns with the runs.
 
     Raises what a group of runs raises.
     """
@@ -87,7 +95,7 @@ def measure_roofline(
     samples, watches = _repeat(group, runs, ceilings)
     for run in runs:
         agreement = group.check(run, runs)
-        yield _row(group, run, agreement, watches[run.spec.id], _ceiling_rows(ceilings, samples))
+        yield _body(group, run, agreement, watches[run.spec.id], _ceiling_values(ceilings, samples))
 
 
 def _repeat(group: Group, runs: Sequence[Run], ceilings: Ceilings) -> tuple[list[dict], dict[str, list]]:
@@ -104,17 +112,13 @@ def _repeat(group: Group, runs: Sequence[Run], ceilings: Ceilings) -> tuple[list
     return samples, watches
 
 
-def _ceiling_rows(ceilings: Ceilings, samples: Sequence[dict]) -> dict:
+def _ceiling_values(ceilings: Ceilings, samples: Sequence[dict]) -> CeilingValues:
     sizes = ceilings.sizes
-    rows = {
-        name: {
-            "unit": unit,
-            "samples": [s[name] for s in samples],
-            "rate": stats.interval([s[name] for s in samples]).as_dict(),
-        }
-        for name, unit in UNITS.items()
-    }
-    return {**rows, "lanes": sizes.lanes, "memory_bytes": sizes.memory, "cache_bytes": sizes.cache}
+    found = {}
+    for name, unit in UNITS.items():
+        values = [sample[name] for sample in samples]
+        found[name] = Ceiling(unit=unit, samples=values, rate=stats.interval(values))
+    return CeilingValues(**found, lanes=sizes.lanes, memory_bytes=sizes.memory, cache_bytes=sizes.cache)
 
 
 def facts_of(group: Group, run: Run) -> Facts:
@@ -138,32 +142,31 @@ def facts_of(group: Group, run: Run) -> Facts:
     )
 
 
-def _row(group: Group, run: Run, agreement: Agreement, watches: list[KernelWatch], ceilings: dict) -> dict:
-    spec, grid, rays = run.spec, group.prepared.structure, group.rays
-    valid = agreement.valid and agreement.reference != "none"
-    facts = facts_of(group, run)
-    return {
-        "schema": SCHEMA,
-        "id": id_of(spec),
-        "scene": scene_facts(group.shared.scene),
-        "variant": str(spec.variant),
-        "tracer": run.tracer.name,
-        "intersector": run.tracer.intersector.name,
-        "options": spec.variant.options,
-        "lanes": run.tracer.lanes,
-        "grid": grid.describe() if run.tracer.needs_structure else None,
-        "rays": {"kind": rays.kind, "count": len(rays), "seed": rays.seed},
-        "repetitions": len(watches),
-        "ceilings": ceilings,
-        "seconds": [watch.seconds["total"] for watch in watches] if valid else [],
-        "kernels": kernel_rows(watches, facts) if valid else [],
-        "counters": dataclasses.asdict(run.counters),
-        "agreement": agreement.to_record(),
-        "valid": valid,
-    }
+def _body(
+    group: Group, run: Run, agreement: Agreement, watches: list[KernelWatch], ceilings: CeilingValues
+) -> RooflineBody:
+    spec, valid = run.spec, agreement.valid and agreement.is_checked
+    return RooflineBody(
+        id=id_of(spec),
+        scene=scene_facts(group.shared.scene),
+        variant=str(spec.variant),
+        tracer=run.tracer.name,
+        intersector=run.tracer.intersector.name,
+        options=spec.variant.options,
+        lanes=run.tracer.lanes,
+        grid=describe_structure(group.prepared.structure) if run.tracer.needs_structure else None,
+        rays=ray_facts(group.rays),
+        repetitions=len(watches),
+        ceilings=ceilings,
+        seconds=[watch.seconds["total"] for watch in watches] if valid else [],
+        kernels=kernel_rows(watches, facts_of(group, run)) if valid else [],
+        counters=run.counters,
+        agreement=agreement,
+        valid=valid,
+    )
 
 
-def kernel_rows(watches: Sequence[KernelWatch], facts: Facts) -> list[dict]:
+def kernel_rows(watches: Sequence[KernelWatch], facts: Facts) -> list[KernelRow]:
     """Every kernel, in the order of its first launch, then what each stage takes beyond its kernels."""
     names = list(dict.fromkeys(key for watch in watches for key in watch.kernels))
     rows = []
@@ -176,18 +179,14 @@ def kernel_rows(watches: Sequence[KernelWatch], facts: Facts) -> list[dict]:
     return rows
 
 
-def _kernel_row(name: str, stage: str, seconds: list[float], launches: int, facts: Facts) -> dict:
-    work = work_of(name, facts)
-    stated = (
-        dataclasses.asdict(work) if work else dict.fromkeys(field.name for field in dataclasses.fields(KernelWork))
+def _kernel_row(name: str, stage: str, seconds: list[float], launches: int, facts: Facts) -> KernelRow:
+    work = work_of(name, facts) or NOT_STATED
+    return KernelRow(
+        name=name,
+        stage=stage,
+        own=launches > 0,
+        launches=launches,
+        seconds=seconds,
+        nanoseconds=stats.interval([1e9 * value / facts.rays for value in seconds]),
+        **work.as_json(),
     )
-    nanoseconds = stats.interval([1e9 * value / facts.rays for value in seconds]).as_dict()
-    return {
-        "name": name,
-        "stage": stage,
-        "own": launches > 0,
-        "launches": launches,
-        "seconds": seconds,
-        "nanoseconds": nanoseconds,
-        **stated,
-    }

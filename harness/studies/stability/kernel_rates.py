@@ -8,6 +8,7 @@ import numpy as np
 
 from harness.data import Rays, Scene
 from harness.device.opened import Device
+from harness.records.stability_row import KernelRate
 from harness.reference.check import Checker
 from harness.spec.intersectors import Intersector
 from harness.stats import interleaved, interval
@@ -26,10 +27,8 @@ def kernel_rates(
     tell: Callable[[int | None, str], None] = lambda *_: None,
     rays: int = RAYS,
     repetitions: int = REPETITIONS,
-) -> list[dict]:
-    """`{intersector, contraction, wrong, tests_per_second: {median, low, high} or None}` of each in its mode.
-
-    `wrong`: rays whose hit differs from the reference; where their check fails there is no rate.
+) -> list[KernelRate]:
+    """The rate of each in its mode; where the check of its hits fails there is none.
 
     Repetitions are interleaved in random order. A mesh of 1,280 triangles stays in cache: the rate is that of
     arithmetic. A test is one ray with one triangle.
@@ -47,12 +46,12 @@ def kernel_rates(
         tell(None, f"repetition {turn + 1}")
         samples[key].append(tests / runs[key].timed(shot)[1]["intersect"])
     return [
-        {
-            "intersector": name,
-            "contraction": mode,
-            "wrong": sum(getattr(verdicts[name, mode], kind) for kind in ("t_off", "wrong", "missed", "phantom")),
-            "tests_per_second": interval(values).as_dict() if verdicts[name, mode].valid else None,
-        }
+        KernelRate(
+            intersector=name,
+            contraction=mode,
+            wrong=sum(getattr(verdicts[name, mode], kind) for kind in ("t_off", "wrong", "missed", "phantom")),
+            tests_per_second=interval(values) if verdicts[name, mode].valid else None,
+        )
         for (name, mode), values in samples.items()
     ]
 

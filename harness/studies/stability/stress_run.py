@@ -11,6 +11,7 @@ import numpy as np
 from harness.data import Rays
 from harness.device.opened import Device
 from harness.errors import DefrayError
+from harness.records.stability_row import StressRow
 from harness.spec.intersectors import DEFAULT, INTERSECTORS, Intersector, find
 from harness.spec.stress_suite import METRICS, Family
 from harness.studies.stability import offsets, walks, whole_grids, whole_scenes
@@ -18,8 +19,6 @@ from harness.studies.stability.aimed_at_features import aimed_pairs
 from harness.studies.stability.failures import Judge, merge
 from harness.studies.stability.pairs import MODES, Pairs, PairTester
 from harness.studies.stability.single_triangle import single_pairs
-
-ROW = ("intersector", "contraction", "family", "size", "rays", *METRICS, "passed")
 
 
 def chosen(name: str, device: Device) -> list[Intersector]:
@@ -52,8 +51,14 @@ def measure_family(
     for place, (entry, mode) in enumerate(methods):
         tell(place, "measuring")
         metrics = merge(trial.measure(entry, mode))
-        named = {"intersector": entry.name, "contraction": mode, "family": family.id, "size": size}
-        yield named | metrics | {"passed": family.passes(metrics)}
+        yield StressRow(
+            intersector=entry.name,
+            contraction=mode,
+            family=family.id,
+            size=size,
+            passed=family.passes(metrics),
+            **metrics,
+        )
 
 
 def check_inputs(family: Family, size: str, digest: str) -> None:

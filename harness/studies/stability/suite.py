@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from harness.measure.scene import Scenes
-from harness.records.stability_row import ResultsFile
+from harness.records.schema import Machine
+from harness.records.stability_row import KernelRate, ResultsFile, StressRow
 from harness.spec.intersectors import DEFAULT, INTERSECTORS, Intersector, find
 from harness.spec.stress_suite import Family, families
 from harness.studies.stability.kernel_rates import kernel_rates
@@ -50,11 +51,11 @@ class StabilityStudy(Study):
             tasks.append(Task(self, RATES, None, parts, float(len(parts))))
         return tasks
 
-    def file(self, folder: Path, machine: dict) -> SuiteFile:
+    def file(self, folder: Path, machine: Machine) -> SuiteFile:
         """`stability.json`; raises DefrayError where it holds another device's results."""
         return SuiteFile(folder, machine, self.contracts)
 
-    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[dict]:
+    def measure(self, task: Task, scenes: Scenes, tell: Tell) -> Iterator[StressRow | KernelRate]:
         """Rows of one family, or the rates of the kernels."""
         methods = [(find(name), mode) for name, mode in (part.what for part in task.parts)]
 
@@ -68,20 +69,20 @@ class StabilityStudy(Study):
             family, size = task.plan
             yield from measure_family(scenes.device, families()[family], methods, size, told)
 
-    def id_of(self, row: dict) -> str:
+    def id_of(self, row: StressRow | KernelRate) -> str:
         """Intersector, mode, family and size; of a rate the first two."""
-        last = (row["family"], row["size"]) if is_test(row) else (RATES,)
-        return _id(row["intersector"], row["contraction"], *last)
+        last = (row.family, row.size) if is_test(row) else (RATES,)
+        return _id(row.intersector, row.contraction, *last)
 
-    def device_of(self, row: dict) -> None:
+    def device_of(self, row: StressRow | KernelRate) -> None:
         """The file is of one device."""
         return
 
-    def passed(self, row: dict) -> bool:
+    def passed(self, row: StressRow | KernelRate) -> bool:
         """Whether a row keeps what its intersector promises."""
-        return not is_test(row) or row["passed"] or not is_promised(row)
+        return not is_test(row) or row.passed or not is_promised(row)
 
-    def outcome(self, row: dict) -> str | None:
+    def outcome(self, row: StressRow | KernelRate) -> str | None:
         """Nothing, unless a promise is broken: the table shows the rest."""
         return None if self.passed(row) else "fails, though it promises not to"
 
@@ -90,35 +91,35 @@ def _id(*names: str) -> str:
     return " ".join(names)
 
 
-def is_test(row: dict) -> bool:
+def is_test(row: StressRow | KernelRate) -> bool:
     """Whether a row is of a family, and not a rate."""
-    return "family" in row
+    return isinstance(row, StressRow)
 
 
-def is_promised(row: dict) -> bool:
+def is_promised(row: StressRow) -> bool:
     """Whether passing is promised: everything of the default, no leak of one registered as watertight."""
-    watertight = INTERSECTORS[row["intersector"]].watertight
-    return row["intersector"] == DEFAULT or (watertight and bool(row["leaks"]))
+    watertight = INTERSECTORS[row.intersector].watertight
+    return row.intersector == DEFAULT or (watertight and bool(row.leaks))
 
 
 class SuiteFile:
     """`stability.json` of a folder, row by row."""
 
-    def __init__(self, folder: Path, machine: dict, contracts: dict[str, bool]):
+    def __init__(self, folder: Path, machine: Machine, contracts: dict[str, bool]):
         self._file = ResultsFile(folder, machine, contracts)
         self.path = self._file.file
         self.warn = None  # there is nothing to warn of
 
-    def append(self, row: dict) -> None:
+    def append(self, row: StressRow | KernelRate) -> None:
         """Put in one row, in place of an earlier one, and write the file whole or not at all."""
         if is_test(row):
             self._file.add([row])
         else:
             self._file.add(kernel_rates=[row])
 
-    def read(self) -> list[dict]:
+    def read(self) -> list[StressRow | KernelRate]:
         """All rows and rates on file."""
         results = self._file.results
-        return [one.model_dump() for one in (*results.rows, *results.kernel_rates)]
+        return [*results.rows, *results.kernel_rates]
 
     repair = read  # what is written whole or not at all is never torn

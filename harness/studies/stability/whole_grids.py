@@ -167,10 +167,10 @@ def grid_family(device: Device, intersector: Intersector, contraction: str, rays
     return {**sums, "cases": found}
 
 
-def binning_study(device: Device, intersector: Intersector, rays: int, seed: int, names=tuple(SCENES)) -> list[dict]:
+def overlap_study(device: Device, intersector: Intersector, rays: int, seed: int, names=tuple(SCENES)) -> list[dict]:
     """What every overlap test and exit rule stores and loses in every scene, `rays` rays each.
 
-    One dictionary for each: {"scene", "binning", "exit", "triangles", "references", "rays", "hits", "lost": hits
+    One dictionary for each: {"scene", "overlap", "exit", "triangles", "references", "rays", "hits", "lost": hits
     that become misses, "leaks": rays whose hit is lost or changed, "leaks_per_million"}. Forward tracing, against
     brute force.
     """
@@ -179,15 +179,15 @@ def binning_study(device: Device, intersector: Intersector, rays: int, seed: int
         triangles, aimed = grid_inputs(name, rays, seed)
         bare = Prepared.on_device(Scene(name, triangles), device)
         expected = trace(bare, aimed, "brute", intersector, {})
-        for binning in OVERLAPS:
-            prepared = bare.with_structure(SPEC, binning)
+        for overlap in OVERLAPS:
+            prepared = bare.with_structure(SPEC, overlap)
             for rule in EXITS:
                 hits = trace(prepared, aimed, "forward", intersector, {"exit": rule})
                 leaks, hit = int(changed(hits, expected).sum()), expected.primitive >= 0
                 rows.append(
                     {
                         "scene": name,
-                        "binning": binning,
+                        "overlap": overlap,
                         "exit": rule,
                         "triangles": len(triangles),
                         "references": prepared.structure.describe()["references"],

@@ -6,8 +6,9 @@ from typing import Literal
 
 from pydantic import field_validator
 
-from harness.claims.evidence import COUNTS, Operand, lacking, pair_on, scene_rows
-from harness.claims.outcome import Finding, Outcome, Strict, every, missing
+from harness.claims.operands import COUNTS, Evidence, Operand, lacking, pair_on, scene_rows
+from harness.claims.outcome import Finding, Outcome, every, missing
+from harness.data import Strict
 
 
 class Rule(Strict):
@@ -26,7 +27,7 @@ class Rule(Strict):
             raise ValueError(f"counters are {', '.join(COUNTS)}")
         return names
 
-    def judge(self, evidence) -> Outcome:
+    def judge(self, evidence: Evidence) -> Outcome:
         """One finding a scene and counter: the ratio, which must be 1 exactly."""
         words = f"{', '.join(self.counters)} of {self.of} and {self.to} equal on every scene"
         findings, known = [], []

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from harness.claims.evidence import LEAST_REPETITIONS, Operand, Pair, lacking, pair_on, scene_rows
-from harness.claims.outcome import Bound, Finding, Outcome, Strict, missing
+from harness.claims.operands import LEAST_REPETITIONS, Evidence, Operand, Pair, lacking, pair_on, scene_rows
+from harness.claims.outcome import Bound, Finding, Outcome, missing
+from harness.data import Strict
 from harness.stats import geometric_mean
 
 
@@ -19,7 +20,7 @@ class Rule(Strict):
     shape: Bound | None = None
     least: int = 3
 
-    def judge(self, evidence) -> Outcome:
+    def judge(self, evidence: Evidence) -> Outcome:
         """Each scene's ratio against the conditions; scenes without records stay open."""
         pairs = {scene: pair_on(scene_rows(evidence.runs, scene), self.of, self.to) for scene in evidence.scenes}
         found = [pair for pair in pairs.values() if pair is not None]

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from typing import Literal
 
-from harness.claims.outcome import Finding, Outcome, Strict, missing
+from harness.claims.operands import Evidence
+from harness.claims.outcome import Finding, Outcome, missing
+from harness.data import Strict
 from harness.errors import DefrayError
 from harness.spec.intersectors import KERNELS, find
 
@@ -26,7 +28,7 @@ class Rule(Strict):
         """Operations that the tally makes."""
         return self.differences + DOT_FLOPS * self.dot_products + CROSS_FLOPS * self.cross_products
 
-    def judge(self, evidence) -> Outcome:
+    def judge(self, evidence: Evidence) -> Outcome:
         """Products and sums in the source, to accept or reject, against the tally."""
         tally = (
             f"{self.differences} differences, {self.dot_products} dot products, {self.cross_products} cross "

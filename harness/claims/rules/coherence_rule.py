@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 from harness.analysis.names import grid_text, plain
-from harness.claims.evidence import PAPER_GRID
-from harness.claims.outcome import Bound, Finding, Outcome, Strict, missing
-from harness.records.coherence_row import Coherence
+from harness.claims.operands import PAPER_GRID, Evidence
+from harness.claims.outcome import Bound, Finding, Outcome, missing
+from harness.data import Strict
+from harness.records.coherence_row import CoherenceRow
 
 MODELS = Literal["forward", "deferred", "deferred-packed"]
 VALUES = {
@@ -32,14 +33,14 @@ class Rule(Strict):
     shape: Bound
     least: int = 3
 
-    def judge(self, evidence) -> Outcome:
+    def judge(self, evidence: Evidence) -> Outcome:
         """Exact counts, scene by scene."""
         title, value = VALUES[self.value]
         words = f"{title}, {self.lanes} lanes, {self.of} / {self.to} {self.full.words()}"
         rows = {
-            plain(row["scene"]["name"]): row
+            plain(row.scene.name): row
             for row in evidence.runs.coherence
-            if grid_text(row["grid"]) == PAPER_GRID and row["rays"]["kind"] == "diffuse"
+            if grid_text(row.grid) == PAPER_GRID and row.rays.kind == "diffuse"
         }
         findings, answers = [], []
         for scene in evidence.scenes:
@@ -50,12 +51,12 @@ class Rule(Strict):
             row = rows[plain(scene)]
             findings.append(
                 Finding(
-                    evidence.runs.title_of(row["scene"]),
+                    evidence.runs.title_of(row.scene),
                     found,
                     found,
                     found,
-                    (row["id"],),
-                    row["scene"]["source"] == "stand-in",
+                    (row.id,),
+                    row.scene.is_stand_in,
                     self.full.holds(found, found),
                 )
             )
@@ -75,11 +76,11 @@ class Rule(Strict):
             needed=self.full.words(),
         )
 
-    def _ratio(self, row: dict | None, value) -> float | None:
+    def _ratio(self, row: CoherenceRow | None, value) -> float | None:
         """The ratio on one scene; None without both models at this width."""
         if row is None:
             return None
-        counts = {one["model"]: Coherence(**one) for one in row["counts"] if one["lanes"] == self.lanes}
+        counts = {one.model: one for one in row.counts if one.lanes == self.lanes}
         if not {self.of, self.to} <= set(counts) or value(counts[self.to]) <= 0:
             return None
         return value(counts[self.of]) / value(counts[self.to])

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from harness.claims.outcome import Outcome, Strict, missing
+from harness.claims.operands import Evidence
+from harness.claims.outcome import Outcome, missing
+from harness.data import Strict
 
 
 class Rule(Strict):
@@ -13,6 +15,6 @@ class Rule(Strict):
     type: Literal["none"]
     reason: str
 
-    def judge(self, evidence) -> Outcome:
+    def judge(self, evidence: Evidence) -> Outcome:
         """Not attempted, for this reason."""
         return missing(self.reason, "none")

@@ -1,4 +1,4 @@
-"""Which records a rule looks at: the runs of an operand, and pairs of runs that trace the same rays."""
+"""What a rule looks at: the evidence, the runs of an operand, and pairs of runs that trace the same rays."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pydantic import field_validator, model_validator
 from harness.analysis.names import WORKLOAD, plain, scene_and_size
 from harness.analysis.ratios import beside
 from harness.analysis.results import Results
-from harness.claims.outcome import Strict
-from harness.data import STAGES
+from harness.data import STAGES, Strict
+from harness.records.run_row import Record
 from harness.spec.run_spec import Variant
 from harness.stats import Interval, quotient, ratio
 
@@ -20,6 +20,14 @@ PAPER_GRID, UNIFORM, ADAPTIVE = "8/128 total", "uniform", "adaptive"
 LEAST_REPETITIONS = 3  # fewer do not tell the noise of a timing
 COUNTS = ("steps", "pairs", "tests", "lane_tests", "waves", "padding")
 WORK = WORKLOAD[1:]  # of one scene: view, rays, seed
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What rules judge by: the runs of a folder, and the scenes that the paper measured."""
+
+    runs: Results
+    scenes: tuple[str, ...]
 
 
 class Operand(Strict, frozen=True):
@@ -55,14 +63,14 @@ class Operand(Strict, frozen=True):
         """Stages whose seconds are added."""
         return self.seconds.split("+") if self.seconds else []
 
-    def values(self, record: dict) -> list[float]:
+    def values(self, record: Record) -> list[float]:
         """The value of each repetition, a single one of a count; none where a stage was not timed."""
         per = 1 if self.per is None else _counter(record, self.per)
         if per <= 0:
             return []
         if self.count is not None:
             return [_counter(record, self.count) / per]
-        parts = [record["samples"].get(stage) or [] for stage in self.stages]
+        parts = [getattr(record.samples, stage) for stage in self.stages]
         if not all(parts) or len({len(part) for part in parts}) > 1:
             return []
         return [sum(times) / per for times in zip(*parts, strict=True)]
@@ -83,8 +91,8 @@ class Operand(Strict, frozen=True):
         return f"{self.variant}{grid}"
 
 
-def _counter(record: dict, name: str) -> float:
-    return record["rays"]["count"] if name == "rays" else record["counters"].get(name) or 0
+def _counter(record: Record, name: str) -> float:
+    return record.rays.count if name == "rays" else getattr(record.counters, name)
 
 
 @dataclass(frozen=True, eq=False)

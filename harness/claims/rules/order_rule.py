@@ -5,8 +5,9 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Literal
 
-from harness.claims.evidence import LEAST_REPETITIONS, Operand, lacking, pair_on, scene_rows
-from harness.claims.outcome import Finding, Outcome, Strict, every, missing
+from harness.claims.operands import LEAST_REPETITIONS, Evidence, Operand, lacking, pair_on, scene_rows
+from harness.claims.outcome import Finding, Outcome, every, missing
+from harness.data import Strict
 from harness.stats import quotient
 
 
@@ -19,7 +20,7 @@ class Rule(Strict):
     shape_pairs: int
     least: int = 3
 
-    def judge(self, evidence) -> Outcome:
+    def judge(self, evidence: Evidence) -> Outcome:
         """A pair is in order where the 95 % interval of its ratio of times lies below 1."""
         per_ray = self.of.model_copy(update={"per": "rays"})
         found = {scene: pair_on(scene_rows(evidence.runs, scene), per_ray, per_ray) for scene in self.order}

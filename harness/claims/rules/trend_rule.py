@@ -7,8 +7,9 @@ from typing import Literal
 from pydantic import model_validator
 
 from harness.analysis.names import plain
-from harness.claims.evidence import Operand, Pair, lacking, pair_on, resized_scenes, scene_rows
-from harness.claims.outcome import Answer, Finding, Outcome, Strict, missing
+from harness.claims.operands import Evidence, Operand, Pair, lacking, pair_on, resized_scenes, scene_rows
+from harness.claims.outcome import Answer, Finding, Outcome, missing
+from harness.data import Strict
 from harness.errors import DefrayError
 from harness.stats import Interval, exponent, fits
 
@@ -51,7 +52,7 @@ class Rule(Strict):
     shape: Range
     least: int = 4
 
-    def judge(self, evidence) -> Outcome:
+    def judge(self, evidence: Evidence) -> Outcome:
         """The power with its 95 % interval against the conditions, and which of three curves AICc prefers."""
         runs, scenes = evidence.runs, evidence.scenes
         if self.over == "scenes":

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from harness.claims.outcome import Bound, Finding, Outcome, Strict, missing
+from harness.claims.operands import Evidence
+from harness.claims.outcome import Bound, Finding, Outcome, missing
+from harness.data import Strict
 from harness.stats import Interval
 
 
@@ -18,13 +20,13 @@ class Rule(Strict):
     full: Bound
     shape: Bound
 
-    def judge(self, evidence) -> Outcome:
+    def judge(self, evidence: Evidence) -> Outcome:
         """The quotient of the medians; its interval is that of the ends of both, which is the wider one."""
         words = f"tests a second, {self.of} / {self.to} {self.full.words(scenes=False)}"
         rates = {
-            row["intersector"]: row["tests_per_second"]
+            row.intersector: row.tests_per_second
             for row in evidence.runs.kernel_rates
-            if row["contraction"] == self.contraction and row.get("tests_per_second")
+            if row.contraction == self.contraction and row.tests_per_second
         }
         absent = [name for name in (self.of, self.to) if name not in rates]
         if absent:
@@ -34,7 +36,7 @@ class Rule(Strict):
                 self.full.words(scenes=False),
             )
         one, two = rates[self.of], rates[self.to]
-        value, low, high = one["median"] / two["median"], one["low"] / two["high"], one["high"] / two["low"]
+        value, low, high = one.median / two.median, one.low / two.high, one.high / two.low
         answer = self.full.holds(low, high)
         finding = Finding(f"{self.of} over {self.to}", value, low, high, ("stability.json",), False, answer)
         return Outcome(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Literal
 
 from harness.analysis.names import three_digits
-from harness.claims.evidence import LEAST_REPETITIONS, Operand, lacking, pair_on, scene_rows
-from harness.claims.outcome import Finding, Outcome, Strict
+from harness.claims.operands import LEAST_REPETITIONS, Evidence, Operand, lacking, pair_on, scene_rows
+from harness.claims.outcome import Finding, Outcome
+from harness.data import Strict
 from harness.stats import interval
 
 REASON = "an absolute rate of the paper's GPU, which it does not name: ours are context, neither pass nor fail"
@@ -22,7 +23,7 @@ class Rule(Strict):
     inverse: bool = False
     paper: float | dict[str, float]
 
-    def judge(self, evidence) -> Outcome:
+    def judge(self, evidence: Evidence) -> Outcome:
         """Findings without an answer."""
         findings = []
         for scene in evidence.scenes:
