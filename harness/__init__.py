@@ -10,7 +10,7 @@ __all__ = ["Adaptive", "Hits", "Rays", "Scene", "Uniform", "View", "load_scene",
 _HOMES = {
     **dict.fromkeys(("Hits", "Rays", "Scene", "View"), "harness.data"),
     **dict.fromkeys(("Adaptive", "Uniform"), "harness.spec.structure"),
-    "load_scene": "harness.inputs.scenes",
+    "load_scene": "harness.inputs.scenes_by_name",
     "trace": "harness.engine",
 }
 

@@ -42,7 +42,7 @@ copy_scene() {
     files=$(.venv/bin/python -c '
 import sys
 from harness.errors import DefrayError
-from harness.inputs.scenes import carried_files
+from harness.inputs.scenes_by_name import carried_files
 try:
     print(*carried_files(sys.argv[1]), sep="\n")
 except DefrayError as error:

@@ -16,8 +16,6 @@ SINGLE = {"__init__", "data", "engine", "errors", "files", "stats"}  # modules b
 # Imports when called: the table of commands, names of the package that are looked up when first used, and the probe,
 # which runs as a program of its own.
 LAZY = {"__init__.py", "commands/main.py", "device/probe.py"}
-# Names of two files each that are yet to be told apart.
-SHARED = {"base", "coherence", "intersectors", "kernels", "roofline", "scenes", "views"}
 
 
 def modules() -> dict[str, Path]:
@@ -52,7 +50,14 @@ def test_no_file_name_twice():
     files = [path.stem for path in modules().values() if path.stem != "__init__"]
     commands = {path.stem for path in (HARNESS / "commands").glob("*.py")}
     count = Counter(packages) + Counter(files) - Counter(commands.intersection(packages))
-    assert {name for name, times in count.items() if times > 1} <= SHARED
+    assert {name for name, times in count.items() if times > 1} == set()
+
+
+def test_no_class_name_twice():
+    """But for `Rule`, as the one class that each file of rules has is called."""
+    trees = [ast.parse(path.read_text()) for path in modules().values()]
+    count = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    assert len(count) > 100 and {name for name, times in count.items() if times > 1} == {"Rule"}
 
 
 def test_only_few_files_stand_beside_the_packages():

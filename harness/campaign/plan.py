@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from harness.errors import DefrayError, first_problem, known
-from harness.inputs.scenes import check_name, enlargeable
+from harness.inputs.scenes_by_name import check_name, enlargeable
 from harness.spec.run_spec import RAY_KINDS, SIZES, Check, RunSpec, Variant, parse_count
 from harness.spec.structure import AUTO, StructureSpec, parse_structure
 from harness.structures import check_structure

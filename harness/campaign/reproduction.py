@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.campaign.executors import Executor, one_line
-from harness.campaign.runner import Outcome, run
+from harness.campaign.runner import CampaignResult, run
 from harness.campaign.sweeps import SweepRequest, run_sweep
 from harness.campaign.tasks import (
     accuracy_scenes,
@@ -114,7 +114,7 @@ class Reproduction:
         """The exit code of tasks of one study."""
         if not tasks:
             return 0
-        found: Outcome = run(tasks, self.executor, self.out, True, self.command, self.console)
+        found: CampaignResult = run(tasks, self.executor, self.out, True, self.command, self.console)
         return found.code
 
 

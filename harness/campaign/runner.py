@@ -21,7 +21,7 @@ from harness.campaign.folder import ERRORS, drop_errors, locked, store_error
 from harness.campaign.progress import Display
 from harness.errors import DefrayError
 from harness.inputs.memory import announcements
-from harness.inputs.scenes import expected_triangles, load_scene
+from harness.inputs.scenes_by_name import expected_triangles, load_scene
 from harness.studies.study import Part, Rows, Study, Task
 
 INTERRUPTED, TERMINATED = 130, 143
@@ -54,7 +54,7 @@ def code_of(stop: KeyboardInterrupt) -> int:
 
 
 @dataclass
-class Outcome:
+class CampaignResult:
     """`rows`: of all parts that were asked for, those on file before included, in their order.
 
     `bad`: how many of them are failures. `failed`: parts that could not be measured. `stopped`: the exit code of a
@@ -141,7 +141,7 @@ def run(
     resume: bool = False,
     command: str = "",
     console: Console | None = None,
-) -> Outcome:
+) -> CampaignResult:
     """Carry out tasks of one study in the folder `out`, which is locked meanwhile; None stores nothing.
 
     `resume`: rows on file stand for their parts. `command` goes on with what a signal has stopped. Raises DefrayError
@@ -158,7 +158,7 @@ def carry_out(
     resume: bool = False,
     command: str = "",
     console: Console | None = None,
-) -> Outcome:
+) -> CampaignResult:
     """`run` in a folder that is locked already."""
     console = console or Console(stderr=True)
     campaign = _Campaign(tasks, executor, out, console)
@@ -252,11 +252,11 @@ class _Campaign:
             store_error(self.out, task, part, failure)
         display.failed(part, failure.message)
 
-    def outcome(self, stopped: int | None = None) -> Outcome:
+    def outcome(self, stopped: int | None = None) -> CampaignResult:
         """The rows of all parts, and how it went."""
         found = [self.ledger.row_of(task, part) for task in self.tasks for part in task.parts]
         rows = [row for row in found if row is not None]
-        return Outcome(rows, sum(not self.study.passed(row) for row in rows), self.failed, stopped)
+        return CampaignResult(rows, sum(not self.study.passed(row) for row in rows), self.failed, stopped)
 
     def summarise(self) -> None:
         """Print the last line."""

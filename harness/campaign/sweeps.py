@@ -20,7 +20,7 @@ from rich.markup import escape
 from harness.campaign.executors import Executor, Local
 from harness.campaign.folder import locked, write_json
 from harness.campaign.plan import expand
-from harness.campaign.runner import Outcome, carry_out, refuse_rows
+from harness.campaign.runner import CampaignResult, carry_out, refuse_rows
 from harness.device.opened import open_device
 from harness.errors import DefrayError
 from harness.files import command_line, commit_and_dirty, now_utc
@@ -50,7 +50,9 @@ class SweepRequest:
         return self.command or shlex.join(command + (["--device", self.device] if self.device else []))
 
 
-def run_sweep(request: SweepRequest, console: Console | None = None, executor: Executor | None = None) -> Outcome:
+def run_sweep(
+    request: SweepRequest, console: Console | None = None, executor: Executor | None = None
+) -> CampaignResult:
     """Run a sweep.
 
     Raises DefrayError when it cannot start: a bad file, a folder in use or with other results, no device.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from harness.campaign.plan import scene_specs
 from harness.errors import DefrayError, known
 from harness.files import ROOT
-from harness.inputs.scenes import check_name
+from harness.inputs.scenes_by_name import check_name
 from harness.spec.intersectors import DEFAULT, find
 from harness.spec.run_spec import Variant, parse_count
 from harness.spec.stress_suite import select, size_of

@@ -26,7 +26,7 @@ from harness.commands.options import (
     print_json,
 )
 from harness.errors import DefrayError
-from harness.inputs.scenes import check_name
+from harness.inputs.scenes_by_name import check_name
 from harness.records.run_row import Record
 from harness.records.schema import RayFacts, SceneFacts, Stored
 from harness.spec.run_spec import RunSpec, Variant

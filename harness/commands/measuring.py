@@ -12,7 +12,7 @@ from harness.device.machine import machine_description
 from harness.device.opened import open_device
 from harness.errors import known
 from harness.inputs.memory import announcements
-from harness.inputs.scenes import expected_triangles
+from harness.inputs.scenes_by_name import expected_triangles
 from harness.measure.pipeline import run_group
 from harness.measure.scene import Scenes
 from harness.records.agreement import why_failed

@@ -9,9 +9,9 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from harness.campaign import recommendation as module
 from harness.commands.options import DeviceOption, JsonOption, print_json
-from harness.inputs.scenes import check_name
-from harness.studies import recommendation as module
+from harness.inputs.scenes_by_name import check_name
 
 EPILOG = "Example:  [bold]defray recommend sponza --max-leaks 1e-6[/bold]"
 

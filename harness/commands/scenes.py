@@ -12,7 +12,7 @@ from harness.commands.console import measured_tables, print_table, scene_table
 from harness.commands.fetch import run_fetch
 from harness.commands.options import DeviceOption, JsonOption, print_json
 from harness.device.opened import open_device
-from harness.inputs.scenes import list_scenes
+from harness.inputs.scenes_by_name import list_scenes
 from harness.studies.stand_ins.footprint import footprints
 from harness.studies.stand_ins.likeness import calibrate, calibrated_names
 

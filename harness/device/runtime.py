@@ -11,11 +11,7 @@ import sys
 import warnings
 from pathlib import Path
 
-import pyopencl as cl
-
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
-
-
 """Where the loader looks for ICD files when nobody says otherwise."""
 
 
@@ -53,6 +49,8 @@ def _show_environment_vendors() -> None:
 
 prepare()
 
+import pyopencl as cl  # noqa: E402  (the environment must be ready before this import)
+import pyopencl.array  # noqa: E402  (makes cl.array)
 
 # A build log that is not empty is no news: harness/device/program.py shows the log of a failed build.
 warnings.filterwarnings("ignore", category=cl.CompilerWarning)

@@ -14,7 +14,7 @@ from harness.records.agreement import Agreement
 from harness.records.run_row import Rates, RunBody
 from harness.records.schema import GridFacts, RayFacts, SceneFacts
 from harness.spec.run_spec import RunSpec
-from harness.structures.base import Structure
+from harness.structures.contract import Structure
 from harness.tracers.base import Tracer
 from harness.tuning.choose import DEFERRED, Choice, in_structure
 

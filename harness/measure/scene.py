@@ -7,7 +7,7 @@ import functools
 from harness.data import Rays, Scene
 from harness.inputs.memory import LARGE, check_memory
 from harness.inputs.rays import make_rays
-from harness.inputs.scenes import expected_triangles, load_scene
+from harness.inputs.scenes_by_name import expected_triangles, load_scene
 from harness.reference.check import Checker
 from harness.reference.embree_scene import EmbreeScene
 from harness.reference.exact import zero_area

@@ -16,10 +16,9 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_
 from harness.data import Counters, Strict
 from harness.errors import DefrayError, first_problem
 from harness.records.digest import check_schema
-from harness.spec.structure import GRID_READINGS, Adaptive
+from harness.spec.structure import GRID_READINGS
 
 SCHEMA = 2  # of every file of rows
-GRIDS = ("total", "per-cell", Adaptive.name)  # readings of structures that have a resolution
 StoredType = TypeVar("StoredType", bound="Stored")
 
 
@@ -148,18 +147,9 @@ class StructurePlace(Stored):
     @model_validator(mode="after")
     def _grids_have_a_resolution(self) -> Self:
         for name in ("top", "leaf"):
-            if self.reading in GRIDS and getattr(self, name) is None:
+            if self.reading in GRID_READINGS and getattr(self, name) is None:
                 raise ValueError(f"missing key {name}")
         return self
-
-    @model_validator(mode="before")
-    @classmethod
-    def _grids_have_both_levels(cls, value: Any) -> Any:
-        if isinstance(value, dict) and value.get("reading") in GRID_READINGS:
-            for key in ("top", "leaf"):
-                if value.get(key) is None:
-                    raise ValueError(f"missing key {key}")
-        return value
 
     @model_serializer(mode="wrap")
     def _without_absent(self, serialize) -> dict:

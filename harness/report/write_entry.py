@@ -32,7 +32,7 @@ class Drawing:
 
 
 @dataclass(frozen=True)
-class Part:
+class PagePart:
     """A figure or table of one machine, or of all together: what the page shows of it.
 
     `stem`: of its files. `machine`: its title where the folder holds several that are shown apart. `table`: as
@@ -54,7 +54,7 @@ class Written:
     """A figure or table in its place in the report, and its parts; none where the records do not allow it."""
 
     listed: Listed
-    parts: list[Part]
+    parts: list[PagePart]
 
     @property
     def entry(self) -> Entry:
@@ -81,7 +81,7 @@ def joined(found: Found, entry: Entry) -> pd.DataFrame:
     return every.drop_duplicates(same, ignore_index=True)
 
 
-def write_part(found: Found, numbers: pd.DataFrame, index: dict, entry: Entry) -> Part:
+def write_part(found: Found, numbers: pd.DataFrame, index: dict, entry: Entry) -> PagePart:
     """Numbers, drawing and origin to their files, and all as part of the page.
 
     `found`: the machines that it shows, each with its own numbers; `numbers`: what is drawn of them.
@@ -97,7 +97,7 @@ def write_part(found: Found, numbers: pd.DataFrame, index: dict, entry: Entry) -
     place.write_text(json.dumps(origin, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     commands = [command for runs, own in found for command in runs.command_of(record_ids(own))]
     mark = f"{entry.name} {origin['id']}" + (f", {title}" if title else "")
-    return Part(
+    return PagePart(
         stem=stem,
         machine=title,
         caption=whole_caption(runs, entry, numbers, title),

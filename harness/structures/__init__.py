@@ -5,7 +5,7 @@ from __future__ import annotations
 from harness.errors import known
 from harness.files import files_of, module_of
 from harness.spec.structure import OVERLAPS, StructureSpec
-from harness.structures.base import Structure
+from harness.structures.contract import Structure
 from harness.structures.device_scene import DeviceScene
 
 

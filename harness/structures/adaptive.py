@@ -17,7 +17,7 @@ from harness.device.program import build
 from harness.device.runtime import cl
 from harness.errors import DefrayError
 from harness.spec.structure import MOST_ADAPTIVE_TOP, Adaptive
-from harness.structures.base import Structure, WalkWork
+from harness.structures.contract import Structure, WalkWork
 from harness.structures.device_scene import DeviceScene
 from harness.structures.grids import (
     divided_bounds,

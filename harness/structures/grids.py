@@ -9,7 +9,7 @@ from harness.device.primitives import exclusive_scan
 from harness.device.program import Program
 from harness.device.runtime import cl
 from harness.spec.structure import OVERLAPS
-from harness.structures.base import WalkWork
+from harness.structures.contract import WalkWork
 from harness.structures.device_scene import DeviceScene
 
 PAD_ULP = 32  # triangle-cell overlap is tested with cells grown by this many float32 ulp of the largest extent

@@ -21,7 +21,7 @@ from harness.data import differing
 from harness.device.opened import open_device
 from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
-from harness.inputs.scenes import load_scene
+from harness.inputs.scenes_by_name import load_scene
 from harness.measure.scene import SharedScene
 from harness.spec import intersectors
 from harness.spec.run_spec import RunSpec, Variant, parse_count

@@ -12,7 +12,7 @@ from PIL import Image
 from harness import tracers
 from harness.data import Hits, Rays, View
 from harness.inputs.rays import bounce, image_rays
-from harness.inputs.scenes import is_real, stand_in_scene
+from harness.inputs.scenes_by_name import is_real, stand_in_scene
 from harness.measure.scene import Scenes
 from harness.spec.run_spec import STAND_IN, split_size
 from harness.structures.uniform import auto_spec

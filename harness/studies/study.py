@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from harness import tracers
-from harness.inputs.scenes import expected_triangles
+from harness.inputs.scenes_by_name import expected_triangles
 from harness.measure.scene import Scenes
 from harness.records.origin import identity
 from harness.records.schema import Machine

@@ -11,7 +11,7 @@ from harness.data import Scene
 from harness.device.opened import Device
 from harness.reference.embree_scene import EmbreeScene
 from harness.spec.structure import StructureSpec
-from harness.structures.base import Structure
+from harness.structures.contract import Structure
 from harness.structures.device_scene import DeviceScene, upload_scene
 
 

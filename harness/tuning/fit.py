@@ -16,7 +16,7 @@ from harness.device.opened import Device
 from harness.device.stopwatch import CpuStopwatch, Stopwatch
 from harness.files import cache_folder
 from harness.inputs.rays import make_rays
-from harness.inputs.scenes import stand_in_scene
+from harness.inputs.scenes_by_name import stand_in_scene
 from harness.spec.intersectors import KERNELS, Intersector
 from harness.spec.run_spec import Variant
 from harness.spec.structure import Adaptive

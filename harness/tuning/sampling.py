@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from harness.data import Counters, Rays
 from harness.device.opened import Device
 from harness.device.runtime import cl
-from harness.structures.base import Structure
+from harness.structures.contract import Structure
 from harness.tracers.batch import Batch
 from harness.tracers.device_tracer import DeviceTracer
 

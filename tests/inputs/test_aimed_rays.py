@@ -12,7 +12,7 @@ from harness.device.opened import Device
 from harness.device.stopwatch import Stopwatch
 from harness.errors import DefrayError
 from harness.inputs.aimed_rays import MOST_T, CornerIndex, aimed_rays, closed_fans, leaked
-from harness.inputs.scenes import load_scene
+from harness.inputs.scenes_by_name import load_scene
 from harness.reference.oracle import Oracle
 from harness.spec import intersectors
 from harness.tracers.prepared import Prepared

@@ -21,13 +21,13 @@ from harness.commands import fetch as fetch_command
 from harness.commands.fetch import run_fetch
 from harness.data import View
 from harness.errors import DefrayError
-from harness.inputs import scenes as scene_module
+from harness.inputs import scenes_by_name as scene_module
 from harness.inputs.fetch import download as download_module
 from harness.inputs.fetch import fetched as fetch_module
 from harness.inputs.fetch.archives import Archive
 from harness.inputs.fetch.download import Unreachable
 from harness.inputs.fetch.fetched import Ask, fetch
-from harness.inputs.scenes import list_scenes, load_scene
+from harness.inputs.scenes_by_name import list_scenes, load_scene
 
 TRIANGLES = [[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[1, 1, 0], [0, 1, 0], [0, 0, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]]
 

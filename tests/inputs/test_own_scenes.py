@@ -17,7 +17,7 @@ from harness.data import Rays
 from harness.device.machine import machine_description
 from harness.errors import DefrayError
 from harness.inputs.rays import image_rays
-from harness.inputs.scenes import load_scene
+from harness.inputs.scenes_by_name import load_scene
 from harness.inputs.viewpoints import find_views
 from harness.measure.pipeline import run_group
 from harness.measure.scene import Scenes

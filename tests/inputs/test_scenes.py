@@ -12,8 +12,8 @@ import trimesh
 import scenes
 from harness.data import View
 from harness.errors import DefrayError
-from harness.inputs import scenes as scene_module
-from harness.inputs.scenes import list_scenes, load_scene
+from harness.inputs import scenes_by_name as scene_module
+from harness.inputs.scenes_by_name import list_scenes, load_scene
 from harness.inputs.viewpoints import find_views
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)

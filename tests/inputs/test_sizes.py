@@ -16,11 +16,11 @@ from harness.analysis.names import scene_and_size
 from harness.campaign.plan import expand
 from harness.data import View
 from harness.errors import DefrayError
-from harness.inputs import scenes as scene_module
+from harness.inputs import scenes_by_name as scene_module
 from harness.inputs import sizes as ladder_module
 from harness.inputs.memory import announcements, check_memory
 from harness.inputs.rays import image_rays
-from harness.inputs.scenes import expected_triangles, load_scene
+from harness.inputs.scenes_by_name import expected_triangles, load_scene
 from harness.inputs.sizes import clustered, decimated, resized, subdivided, welded
 from harness.inputs.viewpoints import find_views
 from harness.measure.scene import Scenes

@@ -18,7 +18,7 @@ from harness.studies.stand_ins import footprint as cost
 from harness.studies.stand_ins import likeness as calibration
 from harness.studies.stand_ins.likeness import (
     Calibration,
-    Figure,
+    ComparedFigure,
     calibrate,
     cell_figures,
     compare,
@@ -84,8 +84,8 @@ def test_an_altered_figure_fails_the_check():
         result = Calibration("x", "stored", compare(real, {**real, name: value}))
         assert not result.inside
         assert [f.name for f in result.figures if not f.inside] == [name]
-    assert Figure("a", 0.0, 0.0).inside and not Figure("a", 0.0, 1.0).inside
-    assert not Figure("a", 1.0, math.inf).inside
+    assert ComparedFigure("a", 0.0, 0.0).inside and not ComparedFigure("a", 0.0, 1.0).inside
+    assert not ComparedFigure("a", 1.0, math.inf).inside
     with pytest.raises(DefrayError, match="only one of real scene and stand-in: b"):
         compare(real, {"triangles": 1.0, "a": 1.0})
 

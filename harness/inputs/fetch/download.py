@@ -6,6 +6,7 @@ import errno
 import hashlib
 import http.client
 import shutil
+import urllib.error
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path

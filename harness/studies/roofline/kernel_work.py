@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from harness.data import Counters
 from harness.records.roofline_row import KernelWork
-from harness.structures.base import WalkWork
+from harness.structures.contract import WalkWork
 
 RAY, KEY, POSITION, EXIT, INDEX = 32, 8, 8, 4, 4  # bytes a ray
 

@@ -125,6 +125,8 @@ def facts_of(group: Group, run: Run) -> Facts:
     """Exact counts of a run, from its instrumented build, and sizes of its arrays."""
     tracer, counters = run.tracer, run.counters
     structure = group.prepared.structure if tracer.needs_structure else None
+    if structure and structure.walk_work is None:
+        raise DefrayError(f"structure {structure.name} does not state what its walk computes; a roofline needs that")
     walked = walked_rays(counters, len(group.rays), tracer.batch_size, getattr(tracer.options, "compaction", True))
     return Facts(
         rays=len(group.rays),

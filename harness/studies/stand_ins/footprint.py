@@ -15,7 +15,7 @@ from pathlib import Path
 from harness import structures
 from harness.device.opened import open_device
 from harness.errors import DefrayError
-from harness.inputs.scenes import SEED, list_scenes, real_scene, stand_in_scene
+from harness.inputs.scenes_by_name import SEED, list_scenes, real_scene, stand_in_scene
 from harness.spec.structure import Uniform
 from harness.structures.device_scene import upload_scene
 from scenes import recipes

@@ -14,7 +14,7 @@ from harness.data import Rays, Scene
 from harness.device.opened import Device, open_device
 from harness.errors import DefrayError, known
 from harness.inputs.rays import make_rays
-from harness.inputs.scenes import real_scene, stand_in_scene
+from harness.inputs.scenes_by_name import real_scene, stand_in_scene
 from harness.reference.embree_scene import EmbreeScene
 from harness.spec.structure import Uniform
 from harness.tracers import open_tracer
@@ -29,7 +29,7 @@ TRIANGLES_WITHIN = (0.95, 1.05)
 
 
 @dataclass(frozen=True)
-class Figure:
+class ComparedFigure:
     """One figure of a scene, real and stand-in; `ratio` is stand-in over real."""
 
     name: str
@@ -56,7 +56,7 @@ class Calibration:
 
     scene: str
     source: str
-    figures: tuple[Figure, ...]
+    figures: tuple[ComparedFigure, ...]
 
     @property
     def inside(self) -> bool:
@@ -156,12 +156,12 @@ def calibrate(
     return results
 
 
-def compare(real: dict[str, float], found: dict[str, float]) -> tuple[Figure, ...]:
+def compare(real: dict[str, float], found: dict[str, float]) -> tuple[ComparedFigure, ...]:
     """Figures side by side, in the order of the stand-in's; raises DefrayError where one is missing."""
     missing = set(found) ^ set(real)
     if missing:
         raise DefrayError(f"figures of only one of real scene and stand-in: {', '.join(sorted(missing))}")
-    return tuple(Figure(name, real[name], value) for name, value in found.items())
+    return tuple(ComparedFigure(name, real[name], value) for name, value in found.items())
 
 
 def calibrated_names(chosen: str | None = None) -> list[str]:

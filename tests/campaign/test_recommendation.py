@@ -11,17 +11,17 @@ from made_up_accuracy import VARIANTS, accuracy_row, as_row
 from shapes import icosphere
 from typer.testing import CliRunner
 
+from harness.campaign import recommendation as module
+from harness.campaign.recommendation import Deeper, Limits, advice_lines, advise, find_rows, measured_here
 from harness.commands.main import app
 from harness.data import Scene
 from harness.device.machine import machine_description
 from harness.errors import DefrayError
-from harness.inputs.scenes import load_scene
+from harness.inputs.scenes_by_name import load_scene
 from harness.measure.group import scene_facts
 from harness.measure.scene import Scenes
 from harness.records.accuracy_row import AccuracyBody, AccuracyRow, AimedCounts, accuracy_file
-from harness.studies import recommendation as module
 from harness.studies.errors_and_leaks import Contender, Plan, measure_accuracy
-from harness.studies.recommendation import Deeper, Limits, advice_lines, advise, find_rows, measured_here
 
 PLAN = Plan(rays=1_000, aimed=1_000, repetitions=1)
 
