@@ -33,8 +33,8 @@ reproduce: setup ## measure, check the claims and draw the report: TIER=smoke, p
 carry: setup ## pack wheels, source and SCENES=a,b for a machine without a network; its run.sh measures there
 	@bash scripts/carry.sh --to "$(CARRIED)" $(if $(SCENES),--scenes "$(SCENES)")
 
-test: lint ## quick tests
-	@$(PYTHON) -m pytest -q -m "not slow" --benchmark-skip
+test: lint ## quick tests, in a process a core, four at most
+	@$(PYTHON) -m pytest -q -m "not slow" --benchmark-skip --numprocesses logical --maxprocesses 4 --dist loadfile
 
 test-all: lint ## every test
 	@$(PYTHON) -m pytest -q --benchmark-skip

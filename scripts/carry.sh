@@ -12,8 +12,8 @@ cd "$(dirname "$0")/.."
 fail() { echo "carry: error: $*" >&2; exit 1; }
 
 # What only tests, lints or draws; the rest measures.
-LEFT_OUT="click contourpy cycler fonttools grimp import-linter iniconfig kiwisolver matplotlib pillow pluggy
-    py-cpuinfo2 pyparsing pytest pytest-benchmark ruff typst vl-convert-python"
+LEFT_OUT="click contourpy cycler execnet fonttools grimp import-linter iniconfig kiwisolver matplotlib pillow pluggy
+    py-cpuinfo2 pyparsing pytest pytest-benchmark pytest-xdist ruff typst vl-convert-python"
 
 # The locked requirements but those named in $1, each with its hashes.
 without() { awk -v names="$1" '

@@ -114,6 +114,7 @@ def test_what_is_left_out_is_needed_by_nothing_that_measures(tmp_path):
         "import-linter": "importlinter",
         "pillow": "PIL",
         "pytest-benchmark": "pytest_benchmark",
+        "pytest-xdist": "xdist",
         "fonttools": "fontTools",
         "py-cpuinfo2": "cpuinfo",
         "vl-convert-python": "vl_convert",
