@@ -47,7 +47,7 @@ def variant_name(row: pd.Series) -> str:
         return "Embree fast" if row["options"].get("robust") == "false" else "Embree robust"
     parts = [intersector_name(row["intersector"])]
     parts += ["contracted"] if row["contraction"] == "on" else []
-    parts += [f"{row['overlap']} overlap test"] if row["overlap"] not in (None, "padded") else []
+    parts += [f"{row['overlap']} overlap"] if row["overlap"] not in (None, "padded") else []
     parts += [f"{key} {value}" for key, value in row["options"].items() if key != "contraction"]
     return ", ".join(parts)
 
