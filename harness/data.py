@@ -14,7 +14,7 @@ from harness.errors import DefrayError
 
 MISS = -1  # primitive index of a ray that hits nothing
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False, revalidate_instances="always")
-CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")  # of a hit beside the reference's: harness/check.py
+CLASSES = ("same", "tie", "t_off", "wrong", "missed", "phantom")  # of a hit beside the reference's
 
 
 class Strict(BaseModel):

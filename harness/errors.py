@@ -26,7 +26,7 @@ class CheckFailed(DefrayError):
 
 def known(kind: str, name: str, names) -> DefrayError:
     """Error for an unknown `name` that lists the known ones."""
-    return DefrayError(f"unknown {kind} '{name}'; known: {', '.join(sorted(names))}")
+    return DefrayError(f"unknown {kind} '{name}'; known: {', '.join(sorted(names)) or 'none'}")
 
 
 def first_problem(error: ValidationError) -> str:

@@ -148,14 +148,16 @@ def advise(
 def recommend(scene: str, limits: Limits, folder: Path | None, device_part: str | None, say: Say) -> Advice:
     """Advice from rows on file of this very scene and device; measures what they do not show, saying so.
 
-    Raises DefrayError for a limit that would take too many rays to show, for a device or a scene that is not there,
-    and for whatever cannot be measured.
+    Raises DefrayError for a limit that would take too many rays to show, for a folder, a device or a scene that is
+    not there, and for whatever cannot be measured.
     """
     if limits.rays_needed > MOST_RAYS:
         raise DefrayError(
             f"a leak rate of {limits.leaks:g} takes {limits.rays_needed:,} aimed rays to show; "
             f"at most {MOST_RAYS:,} are traced, which show {3 / MOST_RAYS:g}"
         )
+    if folder and not folder.is_dir():
+        raise DefrayError(f"there is no folder {folder}; --from names one with accuracy.jsonl")
     notes: list[str] = []
 
     def note(text: str) -> None:

@@ -54,10 +54,6 @@ class RecordFile(Generic[R]):
             self.warn(f"{self.path}: skipped the last line, which is incomplete")
         return rows
 
-    def done_ids(self) -> set[str]:
-        """Ids of all rows on file, valid or not."""
-        return {row.id for row in self.read()}
-
     def repair(self) -> list[R]:
         """`read`, but a torn last line is moved to `<name>.broken` and the file cut to the last good one."""
         rows, torn_at, data = self._scan()

@@ -31,15 +31,6 @@ STEP_FLOPS = 9  # three planes of three
 FINE = 1024  # leaf cells per axis from which on the size is estimated before building
 
 
-def auto_spec(triangles: int) -> Uniform:
-    """A total resolution for a scene of that many triangles: the power of two nearest to cbrt(5 N) an axis.
-
-    5 cells a triangle is the density of Kalojanov & Slusallek 2009 for one uniform level.
-    """
-    leaf = 2 ** max(3, round(math.log2(max(triangles, 1) * 5) / 3))
-    return Uniform(8, min(leaf, 1024))
-
-
 def grid_box(scene: DeviceScene, spec: Uniform) -> tuple[np.ndarray, np.ndarray]:
     """Lower corner and cell size, float32[3] each: the scene's bounds and a margin."""
     return divided_bounds(scene, spec.resolution)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,7 @@ from harness.inputs.rays import bounce, image_rays
 from harness.inputs.scenes_by_name import is_real, stand_in_scene
 from harness.measure.scene import Scenes
 from harness.spec.run_spec import STAND_IN, split_size
-from harness.structures.uniform import auto_spec
+from harness.spec.structure import Uniform
 from harness.tracers.prepared import Prepared
 from scenes import recipes
 
@@ -26,11 +27,20 @@ BACKGROUND = 0.5
 SEED = 7
 
 
+def uniform_grid(triangles: int) -> Uniform:
+    """A total resolution for a scene of that many triangles: the power of two nearest to cbrt(5 N) an axis.
+
+    5 cells a triangle is the density of Kalojanov & Slusallek 2009 for one uniform level.
+    """
+    leaf = 2 ** max(3, round(math.log2(max(triangles, 1) * 5) / 3))
+    return Uniform(8, min(leaf, 1024))
+
+
 class Renderer:
     """A scene ready to be rendered, on a device."""
 
     def __init__(self, prepared: Prepared):
-        self.prepared = prepared.with_structure(auto_spec(len(prepared.scene)))
+        self.prepared = prepared.with_structure(uniform_grid(len(prepared.scene)))
         self.tracer = tracers.open_tracer(self.prepared, "deferred")
 
     def trace(self, rays: Rays) -> Hits:

@@ -134,6 +134,11 @@ def test_an_unknown_device_is_refused_though_rows_are_on_file(tmp_path, device):
     assert isinstance(result.exception, DefrayError) and "no OpenCL device matches 'nope'" in str(result.exception)
 
 
+def test_a_folder_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(DefrayError, match=r"there is no folder .*nosuch; --from names one with accuracy\.jsonl"):
+        module.recommend("teapot", Limits(), tmp_path / "nosuch", None, print)
+
+
 @pytest.mark.parametrize("limits", [{"leaks": 0.0}, {"leaks": 2.0}, {"leaks": float("nan")}, {"t_error": -1.0}])
 def test_limits_that_make_no_sense_are_refused(limits):
     with pytest.raises(DefrayError, match="must be above 0"):

@@ -10,7 +10,7 @@ from harness import structures
 from harness.errors import DefrayError
 from harness.spec.structure import Uniform, parse_structure
 from harness.structures.device_scene import upload_scene
-from harness.structures.uniform import BRICK, auto_spec, grid_box
+from harness.structures.uniform import BRICK, grid_box
 
 SPECS = [Uniform(1, 1), Uniform(2, 6), Uniform(4, 20), Uniform(8, 32), Uniform(3, 5, per_cell=True)]
 
@@ -123,7 +123,3 @@ def test_a_grid_beyond_the_memory_is_refused_with_its_size(device):
 def test_a_scene_without_area_is_refused(device):
     with pytest.raises(DefrayError, match="no triangle with an area"):
         upload_scene(device, np.zeros((3, 3, 3), np.float32))
-
-
-def test_auto_resolution_grows_with_the_scene():
-    assert [auto_spec(n).leaf for n in (1, 279_163, 9_388_826)] == [8, 128, 512 if 9_388_826 * 5 > 2**25.5 else 256]

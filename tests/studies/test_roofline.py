@@ -58,7 +58,9 @@ def test_kernels_are_timed_by_name_and_their_work_is_stated(device, tracer):
         watch = KernelWatch(device.queue)
         made.trace(rays, watch)
         assert not launch_listeners
-        assert {name for _, name in watch.kernels} <= set(KERNELS), "say in harness/work.py what the kernel does"
+        assert {name for _, name in watch.kernels} <= set(KERNELS), (
+            "say in kernel_work.py, or in the tracer's own file, what the kernel does"
+        )
         assert all(time.launches and time.seconds > 0 for time in watch.kernels.values())
         for stage in watch.seconds.keys() - {"total"}:
             own = sum(time.seconds for (where, _), time in watch.kernels.items() if where == stage)

@@ -126,7 +126,9 @@ def facts_of(group: Group, run: Run) -> Facts:
     tracer, counters = run.tracer, run.counters
     structure = group.prepared.structure if tracer.needs_structure else None
     if structure and structure.walk_work is None:
-        raise DefrayError(f"structure {structure.name} does not state what its walk computes; a roofline needs that")
+        raise DefrayError(
+            f"structure {structure.name} does not state what its walk computes; a roofline needs its walk_work"
+        )
     walked = walked_rays(counters, len(group.rays), tracer.batch_size, getattr(tracer.options, "compaction", True))
     return Facts(
         rays=len(group.rays),
