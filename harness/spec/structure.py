@@ -7,6 +7,7 @@ with its options, `NAME key=value ...`; printing a spec gives text that is read 
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -25,19 +26,14 @@ GRID_READINGS = ("total", "per-cell", "adaptive")  # how records call the grids;
 
 
 @dataclass(frozen=True)
-class StructureSpec:
+class StructureSpec(ABC):
     """What is asked of a structure. `name`: of the structure that is built, as `harness.structures.find` knows it."""
 
     name: ClassVar[str]
 
+    @abstractmethod
     def to_json(self) -> dict[str, Any]:
-        """As records and ids hold it; `from_json` reads it back."""
-        raise NotImplementedError
-
-    @property
-    def leaf_cells_per_axis(self) -> int | None:
-        """Over the whole scene; None where that is known only when the structure is built."""
-        return None
+        """As records and ids hold it; `structure_from_json` reads it back."""
 
 
 @dataclass(frozen=True)
@@ -79,11 +75,6 @@ class Uniform(StructureSpec):
     def resolution(self) -> int:
         """Leaf cells per axis over the whole scene."""
         return self.top * self.leaf_per_top
-
-    @property
-    def leaf_cells_per_axis(self) -> int:
-        """As `resolution`."""
-        return self.resolution
 
     @property
     def reading(self) -> str:

@@ -50,11 +50,11 @@ class Judge:
 
     def _aimed(self, answers: Answers) -> dict:
         rays = len(self.pairs.rays)
-        said = np.bincount(self.pairs.ray, answers.accepted, rays).astype(np.int32)
+        claimed = np.bincount(self.pairs.ray, answers.accepted, rays).astype(np.int32)
         true = np.bincount(self.pairs.ray, self.truth, rays).astype(np.int32)
         return {
-            "leaks": int(((true > 0) & (said == 0)).sum()),
-            "double_hits": int(((said > 1) & (said > true)).sum()),
+            "leaks": int(((true > 0) & (claimed == 0)).sum()),
+            "double_hits": int(((claimed > 1) & (claimed > true)).sum()),
         }
 
     def _single(self, answers: Answers) -> dict:

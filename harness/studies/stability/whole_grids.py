@@ -16,9 +16,8 @@ from harness.data import Hits, Rays, Scene
 from harness.device.opened import Device
 from harness.spec.intersectors import Intersector
 from harness.spec.run_spec import Variant
-from harness.spec.structure import OVERLAPS, Uniform
+from harness.spec.structure import Uniform
 from harness.structures.uniform import grid_box
-from harness.tracers.forward import EXITS
 from harness.tracers.prepared import Prepared
 
 SPEC = Uniform(4, 32)
@@ -165,40 +164,6 @@ def grid_family(device: Device, intersector: Intersector, contraction: str, rays
         }
     sums = {key: sum(case[key] for case in found.values()) for key in ("rays", "leaks")}
     return {**sums, "cases": found}
-
-
-def overlap_study(device: Device, intersector: Intersector, rays: int, seed: int, names=tuple(SCENES)) -> list[dict]:
-    """What every overlap test and exit rule stores and loses in every scene, `rays` rays each.
-
-    One dictionary for each: {"scene", "overlap", "exit", "triangles", "references", "rays", "hits", "lost": hits
-    that become misses, "leaks": rays whose hit is lost or changed, "leaks_per_million"}. Forward tracing, against
-    brute force.
-    """
-    rows = []
-    for name in names:
-        triangles, aimed = grid_inputs(name, rays, seed)
-        bare = Prepared.on_device(Scene(name, triangles), device)
-        expected = trace(bare, aimed, "brute", intersector, {})
-        for overlap in OVERLAPS:
-            prepared = bare.with_structure(SPEC, overlap)
-            for rule in EXITS:
-                hits = trace(prepared, aimed, "forward", intersector, {"exit": rule})
-                leaks, hit = int(changed(hits, expected).sum()), expected.primitive >= 0
-                rows.append(
-                    {
-                        "scene": name,
-                        "overlap": overlap,
-                        "exit": rule,
-                        "triangles": len(triangles),
-                        "references": prepared.structure.describe()["references"],
-                        "rays": rays,
-                        "hits": int(hit.sum()),
-                        "lost": int((hit & (hits.primitive < 0)).sum()),
-                        "leaks": leaks,
-                        "leaks_per_million": 1e6 * leaks / rays,
-                    }
-                )
-    return rows
 
 
 def grid_digest(rays: int, seed: int) -> str:
